@@ -1,0 +1,88 @@
+//! The command line: a client of the public API. One file per command.
+
+mod check;
+mod compare;
+mod extract;
+mod info;
+mod phantom;
+mod progress;
+mod render;
+
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+
+use clap::{Parser, Subcommand};
+
+use crate::execution::Execution;
+
+/// Labelled multi-material surface meshes from industrial CT volumes.
+#[derive(Debug, Parser)]
+#[command(name = "interfacet", version, about, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Turn a CT volume into a labelled mesh, one closed mesh per material, and a report.
+    Extract(extract::Args),
+    /// Show what a volume holds: geometry, grey values, histogram, materials.
+    Info(info::Args),
+    /// Check a mesh and list every defect with its place.
+    Check(check::Args),
+    /// Make a test volume of an object with known geometry.
+    Phantom(phantom::Args),
+    /// Measure a mesh against the exact geometry of a phantom.
+    Compare(compare::Args),
+    /// Draw a mesh, or a slice of a volume with the mesh's outline, to a PNG picture.
+    Render(render::Args),
+}
+
+/// Parses the arguments, runs the command, and reports a failure with its causes.
+///
+/// Exit codes: 0 done; 1 the command failed, or found defects; 2 bad arguments; 130 interrupted.
+#[must_use]
+#[allow(clippy::print_stderr)] // the one place that reports an error to a person
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let execution = Execution::new(progress::for_terminal());
+    let cancel = execution.cancel_flag();
+    // Without a handler Ctrl-C still stops the run, only less politely.
+    let _ = ctrlc::set_handler(move || cancel.store(true, Ordering::Relaxed));
+    match cli.run(&execution) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            if execution.is_cancelled() { ExitCode::from(130) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Whatever stopped it, with its causes.
+    pub fn run(self, execution: &Execution) -> anyhow::Result<ExitCode> {
+        match self.command {
+            Command::Extract(args) => extract::run(&args, execution),
+            Command::Info(args) => info::run(&args, execution),
+            Command::Check(args) => check::run(&args, execution),
+            Command::Phantom(args) => phantom::run(&args, execution),
+            Command::Compare(args) => compare::run(&args, execution),
+            Command::Render(args) => render::run(&args, execution),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+}

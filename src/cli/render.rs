@@ -1,0 +1,14 @@
+//! `interfacet render`.
+
+use std::process::ExitCode;
+
+use crate::execution::Execution;
+
+/// Arguments of `interfacet render`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {}
+
+/// Runs the command.
+pub(crate) fn run(_args: &Args, _execution: &Execution) -> anyhow::Result<ExitCode> {
+    anyhow::bail!("being written")
+}

@@ -1,0 +1,9 @@
+//! interfacet turns an industrial CT volume of an assembly made of several materials into one
+//! labelled, non-manifold surface mesh.
+
+pub mod cli;
+pub mod execution;
+pub mod grid;
+pub mod material;
+pub mod mesh;
+pub mod volume;

@@ -1,0 +1,5 @@
+//! Which grey value is which material.
+
+mod table;
+
+pub use table::{Material, MaterialTable, MaterialTableError};
