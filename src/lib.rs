@@ -2,6 +2,7 @@
 //! labelled, non-manifold surface mesh.
 
 pub mod cli;
+pub mod contour;
 pub mod execution;
 pub mod grid;
 pub mod material;

@@ -1,0 +1,3 @@
+//! Interfaces: from labelled voxels to labelled triangles.
+
+pub mod pattern;
