@@ -1,6 +1,7 @@
 //! interfacet turns an industrial CT volume of an assembly made of several materials into one
 //! labelled, non-manifold surface mesh.
 
+pub mod classify;
 pub mod cli;
 pub mod contour;
 pub mod execution;

@@ -1,0 +1,41 @@
+//! Why a volume cannot be classified.
+
+use thiserror::Error;
+
+use crate::execution::Cancelled;
+
+/// Why a volume cannot be classified.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum ClassifyError {
+    /// No voxel is surrounded by its own material.
+    #[error(
+        "no voxel is surrounded by its own material within the blur radius of {radius:?} voxels, so nothing is certain; give a smaller --radius, or check the materials' grey values"
+    )]
+    NoCore {
+        /// Radius of the core sphere, voxels per axis.
+        radius: [f64; 3],
+    },
+    /// The blur radius is not usable.
+    #[error("the blur radius {radius:?} is not usable: every value must be between 0 and {limit} voxels")]
+    Radius {
+        /// As given, voxels per axis.
+        radius: [f64; 3],
+        /// The largest radius.
+        limit: f64,
+    },
+    /// A label volume with too many labels.
+    #[error("the label volume has more than {limit} different labels; is it a grey-value volume?")]
+    TooManyLabels {
+        /// How many there may be.
+        limit: usize,
+    },
+    /// A label volume with a single label.
+    #[error("every voxel has the label {label}; an interface needs at least 2 labels")]
+    OneLabel {
+        /// The label.
+        label: f64,
+    },
+    /// Stopped from outside.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}

@@ -1,0 +1,220 @@
+//! The labelled volume that contouring reads: a material per voxel, `OUTSIDE` around it.
+//!
+//! Labels are kept bit-sliced: with n materials and `OUTSIDE` as code n, code bit p of every voxel
+//! is plane p. Three materials take two bits per voxel, and 64 neighbours are compared at a time.
+
+use std::collections::BTreeMap;
+
+use super::bit_planes::{BitPlanes, WORD};
+use super::error::ClassifyError;
+use crate::grid::MaterialId;
+use crate::volume::Sample;
+
+/// A material for each voxel of a volume; see the module's header.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LabelVolume {
+    materials: usize,
+    size: [usize; 3],
+    codes: BitPlanes,
+}
+
+impl LabelVolume {
+    /// From one plane per material; every voxel must be in exactly one of them.
+    #[must_use]
+    pub fn from_planes(b: &BitPlanes) -> Self {
+        let size = b.padded().map(|n| n - 2);
+        let mut out = Self::all_outside(size, b.count());
+        let bits = out.codes.count();
+        out.codes.fill_slices(|z, mut slice| {
+            for y in 1..=size[1] {
+                for p in 0..bits {
+                    for w in 0..b.words() {
+                        let members = (0..b.count()).filter(|i| i >> p & 1 == 1);
+                        let inside = members.fold(0, |any, i| any | b.row(i, y, z)[w]);
+                        let word = &mut slice.row(p, y)[w];
+                        *word = (*word & !b.voxel_mask(w)) | inside;
+                    }
+                }
+            }
+        });
+        out
+    }
+
+    /// From a volume that is already segmented. Returns the labels that occur, ascending: the label
+    /// at position i became material i.
+    ///
+    /// # Errors
+    /// [`ClassifyError::TooManyLabels`] or [`ClassifyError::OneLabel`].
+    pub fn from_labels<S: Sample>(
+        samples: &[S],
+        size: [usize; 3],
+    ) -> Result<(Self, Vec<f64>), ClassifyError> {
+        let mut ids: BTreeMap<OrderedLabel, u8> = BTreeMap::new();
+        let mut previous = f32::NAN;
+        for v in samples.iter().map(|v| v.to_f32()) {
+            if v.to_bits() != previous.to_bits() {
+                ids.insert(OrderedLabel(v), 0);
+                previous = v;
+                if ids.len() > MaterialId::MAX_COUNT {
+                    return Err(ClassifyError::TooManyLabels { limit: MaterialId::MAX_COUNT });
+                }
+            }
+        }
+        for (i, id) in ids.values_mut().enumerate() {
+            *id = i as u8;
+        }
+        let labels: Vec<f64> = ids.keys().map(|l| f64::from(l.0)).collect();
+        if let [label] = labels[..] {
+            return Err(ClassifyError::OneLabel { label });
+        }
+        let mut out = Self::all_outside(size, labels.len());
+        let bits = out.codes.count();
+        out.codes.fill_slices(|z, mut slice| {
+            for y in 1..=size[1] {
+                let start = ((z - 1) * size[1] + y - 1) * size[0];
+                let mut previous = (f32::NAN, 0);
+                for (x, v) in samples[start..start + size[0]].iter().enumerate() {
+                    let v = v.to_f32();
+                    if v.to_bits() != previous.0.to_bits() {
+                        previous = (v, ids.get(&OrderedLabel(v)).copied().unwrap_or(0));
+                    }
+                    let (word, bit) = ((x + 1) / WORD, (x + 1) % WORD);
+                    for p in 0..bits {
+                        let row = slice.row(p, y);
+                        row[word] = (row[word] & !(1 << bit)) | u64::from(previous.1 >> p & 1) << bit;
+                    }
+                }
+            }
+        });
+        Ok((out, labels))
+    }
+
+    fn all_outside(size: [usize; 3], materials: usize) -> Self {
+        let bits = (usize::BITS - materials.leading_zeros()) as usize;
+        let mut codes = BitPlanes::new(size, bits);
+        let padded = codes.padded();
+        for p in (0..bits).filter(|p| materials >> p & 1 == 1) {
+            for z in 0..padded[2] {
+                for y in 0..padded[1] {
+                    let words = codes.words();
+                    for (w, word) in codes.row_mut(p, y, z).iter_mut().enumerate() {
+                        // Bits beyond the padded row stay zero in every plane: code 0 on both
+                        // sides of any comparison made there.
+                        let end = padded[0] - w * WORD;
+                        *word = if w + 1 < words || end >= WORD { u64::MAX } else { (1 << end) - 1 };
+                    }
+                }
+            }
+        }
+        Self { materials, size, codes }
+    }
+
+    /// Voxels per axis.
+    #[must_use]
+    pub fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    /// Number of materials; it is also the code of `OUTSIDE`.
+    #[must_use]
+    pub fn materials(&self) -> usize {
+        self.materials
+    }
+
+    /// The code planes, lowest bit first.
+    #[must_use]
+    pub fn codes(&self) -> &BitPlanes {
+        &self.codes
+    }
+
+    /// The material of a code.
+    #[must_use]
+    pub fn material_of_code(&self, code: u8) -> MaterialId {
+        if usize::from(code) == self.materials { MaterialId::OUTSIDE } else { MaterialId(code) }
+    }
+
+    /// The material at a point of the padded lattice.
+    #[must_use]
+    pub fn at(&self, [x, y, z]: [usize; 3]) -> MaterialId {
+        let bits = 0..self.codes.count();
+        let code = bits.fold(0, |code, p| code | u8::from(self.codes.bit(p, x, y, z)) << p);
+        self.material_of_code(code)
+    }
+
+    /// Voxels of each material.
+    #[must_use]
+    pub fn counts(&self) -> Vec<u64> {
+        use rayon::prelude::*;
+        let n = self.materials;
+        let zero = || vec![0u64; n];
+        (1..=self.size[2])
+            .into_par_iter()
+            .fold(zero, |mut sum, z| {
+                for y in 1..=self.size[1] {
+                    for w in 0..self.codes.words() {
+                        let mask = self.codes.voxel_mask(w);
+                        for (code, s) in sum.iter_mut().enumerate() {
+                            let members = (0..self.codes.count()).fold(mask, |m, p| {
+                                let word = self.codes.row(p, y, z)[w];
+                                m & if code >> p & 1 == 1 { word } else { !word }
+                            });
+                            *s += u64::from(members.count_ones());
+                        }
+                    }
+                }
+                sum
+            })
+            .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
+    }
+}
+
+/// A label as a key: ordered by value.
+#[derive(Clone, Copy, PartialEq)]
+struct OrderedLabel(f32);
+
+impl Eq for OrderedLabel {}
+impl PartialOrd for OrderedLabel {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl Ord for OrderedLabel {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_with_gaps_become_dense_and_are_surrounded_by_outside() {
+        let size = [67, 2, 2];
+        let samples: Vec<u16> = (0..268).map(|i| [3u16, 70, 900][i * 5 % 3]).collect();
+        let (volume, labels) = LabelVolume::from_labels(&samples, size).unwrap();
+        assert_eq!(labels, [3.0, 70.0, 900.0]);
+        for z in 0..4 {
+            for y in 0..4 {
+                for x in 0..69 {
+                    let inside = (1..=67).contains(&x) && (1..=2).contains(&y) && (1..=2).contains(&z);
+                    let expected = if inside {
+                        let v = samples[((z - 1) * 2 + y - 1) * 67 + x - 1];
+                        MaterialId([3u16, 70, 900].iter().position(|&l| l == v).unwrap() as u8)
+                    } else {
+                        MaterialId::OUTSIDE
+                    };
+                    assert_eq!(volume.at([x, y, z]), expected);
+                }
+            }
+        }
+        let counts = volume.counts();
+        assert_eq!(counts.iter().sum::<u64>(), 268);
+        assert!(matches!(LabelVolume::from_labels(&[5u8; 8], [2; 3]), Err(ClassifyError::OneLabel { .. })));
+        let many: Vec<u16> = (0..300).collect();
+        assert!(matches!(
+            LabelVolume::from_labels(&many, [300, 1, 1]),
+            Err(ClassifyError::TooManyLabels { .. })
+        ));
+    }
+}
