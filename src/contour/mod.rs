@@ -1,3 +1,15 @@
 //! Interfaces: from labelled voxels to labelled triangles.
+//!
+//! [`pattern`] says what the surface inside a cell looks like for every way in which its corners
+//! can share materials; [`CrossingRule`] says where on a cell edge an interface lies;
+//! [`marching`] walks the cells. See `docs/contouring.md`.
 
+mod crossing;
+mod error;
+pub mod marching;
+mod patch;
 pub mod pattern;
+
+pub use crossing::{CROSSING_MARGIN, CrossingRule, Midpoints, Thresholds};
+pub use error::ContourError;
+pub use patch::{Border, Patch};

@@ -60,6 +60,8 @@ pub struct CellSurface {
     pub apex_corners: Vec<u8>,
     /// Its triangles.
     pub triangles: Vec<CellTriangle>,
+    /// The cell edges with a crossing, as a bit set.
+    pub crossings: u16,
 }
 
 /// First vertex number of the apexes.
@@ -71,7 +73,8 @@ pub(super) fn cell_surface(classes: &Classes, join_first: u8) -> CellSurface {
     let sheets = sheets(classes, join_first);
     let is_hexagon = |s: &Sheet| s.face_nodes == 0 && s.crossings.count_ones() == 6;
     let facing_hexagons = sheets.iter().filter(|s| is_hexagon(s)).count() > 1;
-    let mut builder = Builder { classes, surface: CellSurface::default() };
+    let crossings = sheets.iter().fold(0, |all, s| all | s.crossings);
+    let mut builder = Builder { classes, surface: CellSurface { crossings, ..CellSurface::default() } };
     for sheet in &sheets {
         if sheet.face_nodes != 0 {
             builder.star_sheet(sheet);

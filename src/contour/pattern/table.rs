@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use super::face::is_ambiguous;
+use super::face::{FaceCurves, curves, is_ambiguous};
 use super::partition::{PARTITIONS, Partitions};
 use super::surface::{CellSurface, cell_surface};
 use crate::grid::cube::FACES;
@@ -18,6 +18,8 @@ pub struct PatternTable {
     first: Vec<u16>,
     /// Ambiguous faces of each partition, as a bit set.
     ambiguous: Vec<u8>,
+    /// Faces with a node (three or four materials in a star), as a bit set.
+    star_faces: Vec<u8>,
     surfaces: Vec<CellSurface>,
 }
 
@@ -33,16 +35,21 @@ impl PatternTable {
         let partitions = Partitions::new();
         let mut first = Vec::with_capacity(PARTITIONS);
         let mut ambiguous = Vec::with_capacity(PARTITIONS);
+        let mut star_faces = Vec::with_capacity(PARTITIONS);
         let mut surfaces = Vec::with_capacity(ENTRIES);
         for classes in partitions.iter() {
             let faces = (0..FACES).filter(|&f| is_ambiguous(classes, f)).fold(0u8, |set, f| set | 1 << f);
+            let is_star = |f: &usize| {
+                matches!(curves(classes, *f, false), FaceCurves::Triple(_) | FaceCurves::Quadruple)
+            };
+            star_faces.push((0..FACES).filter(is_star).fold(0u8, |set, f| set | 1 << f));
             first.push(surfaces.len() as u16);
             ambiguous.push(faces);
             for code in 0..1u8 << faces.count_ones() {
                 surfaces.push(cell_surface(classes, spread(code, faces)));
             }
         }
-        Self { partitions, first, ambiguous, surfaces }
+        Self { partitions, first, ambiguous, star_faces, surfaces }
     }
 
     /// The corner partitions that the entries belong to.
@@ -55,6 +62,12 @@ impl PatternTable {
     #[must_use]
     pub fn ambiguous_faces(&self, partition: usize) -> u8 {
         self.ambiguous[partition]
+    }
+
+    /// The faces of a partition that have a node, as a bit set.
+    #[must_use]
+    pub fn star_faces(&self, partition: usize) -> u8 {
+        self.star_faces[partition]
     }
 
     /// The entry of a partition; `join_first` has bit f set where ambiguous face f joins the

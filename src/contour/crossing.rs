@@ -1,0 +1,132 @@
+//! Where on a cell edge an interface lies.
+//!
+//! Between materials x and y the crossing is where linear interpolation of the grey value meets
+//! t_xy (Fujimori and Suzuki §4; Li et al. eq. 6). If an end of the edge was a junction voxel, its
+//! grey value is not credible and the crossing is the midpoint, as published; so it is where the
+//! grey values do not straddle t_xy (an end that was labelled by another pair's threshold) and at
+//! the border with `OUTSIDE`. Positions are in lattice units, so anisotropic spacing needs no care
+//! here.
+
+use crate::classify::BitPlanes;
+use crate::grid::MaterialId;
+use crate::material::MaterialTable;
+use crate::volume::Sample;
+
+/// A crossing keeps this distance from the ends of its edge (in edge lengths), so that crossings
+/// on different edges stay different points and no triangle is degenerate: large against the
+/// rounding of `f32` lattice coordinates up to 2^15, small against any error of measurement.
+pub const CROSSING_MARGIN: f32 = 1.0 / 256.0;
+
+/// Decides positions of crossings and ambiguous faces. Points are of the padded lattice and inside
+/// the volume. Must give the same answer whenever asked.
+pub trait CrossingRule: Sync {
+    /// Where the crossing lies on the edge from `from` to its neighbour `to` along `axis`, as a
+    /// fraction of the edge within [`CROSSING_MARGIN`] and 1 - [`CROSSING_MARGIN`]; `labels` are
+    /// the (different) materials of the two ends.
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32;
+
+    /// On a face whose corners show `labels[0], labels[1], labels[0], labels[1]` in ring order:
+    /// whether the diagonal of ring corners 0 and 2 is joined (else 1 and 3).
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool;
+}
+
+/// Crossings at edge midpoints; on ambiguous faces the material with the higher id is joined.
+/// For volumes that are already segmented.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Midpoints;
+
+impl CrossingRule for Midpoints {
+    fn position(&self, _: [usize; 3], _: usize, _: [MaterialId; 2]) -> f32 {
+        0.5
+    }
+
+    fn joins_first(&self, _: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        labels[0] > labels[1]
+    }
+}
+
+/// Crossings by the threshold of the pair; see the module's header. On ambiguous faces the sign of
+/// the bilinear interpolant at its saddle decides where all four grey values are credible,
+/// otherwise the material with the higher id is joined.
+#[derive(Debug, Clone, Copy)]
+pub struct Thresholds<'a, S> {
+    samples: &'a [S],
+    size: [usize; 3],
+    junction: &'a BitPlanes,
+    materials: &'a MaterialTable,
+}
+
+impl<'a, S: Sample> Thresholds<'a, S> {
+    /// For a volume of `samples` (x fastest) of which the voxels in `junction` are not credible.
+    #[must_use]
+    pub fn new(
+        samples: &'a [S],
+        size: [usize; 3],
+        junction: &'a BitPlanes,
+        materials: &'a MaterialTable,
+    ) -> Self {
+        Self { samples, size, junction, materials }
+    }
+
+    /// Grey value above the threshold of `labels`, or `None` where it is not credible.
+    fn above(&self, [x, y, z]: [usize; 3], threshold: f32) -> Option<f32> {
+        if self.junction.bit(0, x, y, z) {
+            return None;
+        }
+        let at = ((z - 1) * self.size[1] + y - 1) * self.size[0] + x - 1;
+        Some(self.samples[at].to_f32() - threshold)
+    }
+
+    fn threshold(&self, labels: [MaterialId; 2]) -> f32 {
+        self.materials.threshold(labels[0], labels[1]) as f32
+    }
+}
+
+impl<S: Sample> CrossingRule for Thresholds<'_, S> {
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        let mut to = from;
+        to[axis] += 1;
+        let threshold = self.threshold(labels);
+        let (Some(f), Some(g)) = (self.above(from, threshold), self.above(to, threshold)) else { return 0.5 };
+        let straddle = (f < 0.0) != (g < 0.0) && (f < 0.0) == (labels[0] < labels[1]);
+        if straddle { (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN) } else { 0.5 }
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        let threshold = self.threshold(labels);
+        let [a, b, c, d] = ring.map(|p| self.above(p, threshold));
+        let (Some(a), Some(b), Some(c), Some(d)) = (a, b, c, d) else { return labels[0] > labels[1] };
+        // Value of the bilinear interpolant at its saddle; it has a saddle as long as the signs
+        // alternate, which only an end labelled by another pair's threshold can spoil.
+        let alternate = (a < 0.0) == (c < 0.0) && (b < 0.0) == (d < 0.0) && (a < 0.0) != (b < 0.0);
+        if !alternate {
+            return labels[0] > labels[1];
+        }
+        let saddle = (a * c - b * d) / (a + c - b - d);
+        (saddle < 0.0) == (a < 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossings_follow_the_pair_and_only_credible_voxels() {
+        let materials = MaterialTable::new([("air", 0.0), ("al", 10.0), ("fe", 40.0)]).unwrap();
+        let samples = [0.0f32, 20.0, 40.0, 12.0, 5.0];
+        let mut junction = BitPlanes::new([5, 1, 1], 1);
+        let ids = |a, b| [MaterialId(a), MaterialId(b)];
+        let rule = Thresholds::new(&samples, [5, 1, 1], &junction, &materials);
+        // Samples 0 and 20 as air and iron (t = 20): the clamped end; as air and aluminium (t = 5).
+        assert_eq!(rule.position([1, 1, 1], 0, ids(0, 2)), 1.0 - CROSSING_MARGIN);
+        assert_eq!(rule.position([1, 1, 1], 0, ids(0, 1)), 0.25);
+        // Samples 40 and 12 as iron and aluminium: (40 - 25) / 28.
+        assert!((rule.position([3, 1, 1], 0, ids(2, 1)) - 15.0 / 28.0).abs() < 1e-6);
+        // Labels that contradict the grey values.
+        assert_eq!(rule.position([3, 1, 1], 0, ids(1, 2)), 0.5);
+        junction.row_mut(0, 1, 1)[0] |= 1 << 1;
+        let rule = Thresholds::new(&samples, [5, 1, 1], &junction, &materials);
+        assert_eq!(rule.position([1, 1, 1], 0, ids(0, 1)), 0.5);
+    }
+}

@@ -1,0 +1,184 @@
+//! One cell: its labels, its table entry, and where its vertices lie.
+
+use crate::classify::LabelVolume;
+use crate::contour::crossing::CrossingRule;
+use crate::contour::pattern::{Apex, CellSurface, PatternTable};
+use crate::grid::cube::{CORNERS, EDGES, corner_offset, edge_axis, edge_corners, face_ring};
+use crate::grid::{MaterialId, VertexKind};
+
+use super::super::patch::Border;
+
+/// A cell, by its lowest point of the padded lattice, and the material of each corner.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cell {
+    pub(super) low: [usize; 3],
+    pub(super) labels: [MaterialId; CORNERS],
+    /// Corners that differ from corner 0, if there are just two materials.
+    two_materials: Option<u8>,
+}
+
+impl Cell {
+    pub(super) fn new(labels: &LabelVolume, low: [usize; 3]) -> Self {
+        let codes = labels.codes();
+        let [x, y, z] = low;
+        let mut corner_codes = [0u8; CORNERS];
+        let mut differ = 0u8;
+        let mut two = true;
+        for p in 0..codes.count() {
+            let mask = codes.two_bits(p, x, y, z)
+                | codes.two_bits(p, x, y + 1, z) << 2
+                | codes.two_bits(p, x, y, z + 1) << 4
+                | codes.two_bits(p, x, y + 1, z + 1) << 6;
+            for (c, code) in corner_codes.iter_mut().enumerate() {
+                *code |= (mask >> c & 1) << p;
+            }
+            let d = if mask & 1 == 1 { !mask } else { mask };
+            if d != 0 {
+                two &= differ == 0 || differ == d;
+                differ |= d;
+            }
+        }
+        let labels = corner_codes.map(|code| labels.material_of_code(code));
+        Self { low, labels, two_materials: two.then_some(differ) }
+    }
+
+    /// Corner `c` of the cell in the padded lattice.
+    fn corner(&self, c: usize) -> [usize; 3] {
+        let offset = corner_offset(c);
+        std::array::from_fn(|a| self.low[a] + offset[a])
+    }
+
+    /// Whether the cell reaches beyond the volume.
+    pub(super) fn is_border(&self) -> bool {
+        self.labels.contains(&MaterialId::OUTSIDE)
+    }
+
+    /// The partition of the corners, and its entry in the table.
+    pub(super) fn entry<C: CrossingRule>(&self, table: &PatternTable, rule: &C) -> (usize, usize) {
+        let partition = match self.two_materials {
+            Some(mask) => table.partitions().index_of_mask(mask),
+            None => table.partitions().index(&self.labels),
+        };
+        let faces = table.ambiguous_faces(partition);
+        let mut join_first = 0;
+        if faces != 0 {
+            for f in (0..6).filter(|f| faces >> f & 1 == 1) {
+                let ring = face_ring(f);
+                let labels = [self.labels[ring[0]], self.labels[ring[1]]];
+                join_first |= u8::from(rule.joins_first(ring.map(|c| self.corner(c)), labels)) << f;
+            }
+        }
+        (partition, table.entry(partition, join_first))
+    }
+
+    /// Position of the crossing on edge `e`, in units of the cell.
+    fn crossing<C: CrossingRule>(&self, rule: &C, e: usize) -> [f32; 3] {
+        let [p, q] = edge_corners(e);
+        let axis = edge_axis(e);
+        let mut at = corner_offset(p).map(|o| o as f32);
+        at[axis] = crossing_position(rule, self.corner(p), axis, [self.labels[p], self.labels[q]]);
+        at
+    }
+
+    /// Position of the node of face `f`, in units of the cell: the mean of the face's crossings;
+    /// where two materials meet `OUTSIDE`, straight beyond their crossing.
+    pub(super) fn face_node<C: CrossingRule>(&self, rule: &C, f: usize) -> [f32; 3] {
+        let ring = face_ring(f);
+        let axis = f / 2;
+        let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
+        let (mut inner, mut inner_axis, mut inner_count) = ([0.0f32; 3], 0, 0);
+        for k in 0..4 {
+            let (p, q) = (ring[k], ring[(k + 1) % 4]);
+            if self.labels[p] == self.labels[q] {
+                continue;
+            }
+            let e = crate::grid::cube::edge_between(p, q);
+            let at = self.crossing(rule, e);
+            (0..3).for_each(|a| sum[a] += at[a]);
+            count += 1.0;
+            if self.labels[p] != MaterialId::OUTSIDE && self.labels[q] != MaterialId::OUTSIDE {
+                (inner, inner_axis) = (at, edge_axis(e));
+                inner_count += 1;
+            }
+        }
+        let outside = ring.iter().filter(|&&c| self.labels[c] == MaterialId::OUTSIDE).count();
+        if outside == 2 && inner_count == 1 {
+            let towards_border = 3 - axis - inner_axis;
+            inner[towards_border] = 0.5;
+            return inner;
+        }
+        sum.map(|s| s / count)
+    }
+
+    /// Positions of the cell's apexes, in units of the cell.
+    pub(super) fn apexes<C: CrossingRule>(&self, rule: &C, surface: &CellSurface) -> Vec<[f32; 3]> {
+        let mut out: Vec<[f32; 3]> = Vec::with_capacity(surface.apexes.len());
+        for apex in &surface.apexes {
+            let mean = |points: &mut dyn Iterator<Item = [f32; 3]>| {
+                let (mut sum, mut count) = ([0.0f32; 3], 0.0f32);
+                for p in points {
+                    (0..3).for_each(|a| sum[a] += p[a]);
+                    count += 1.0;
+                }
+                sum.map(|s| s / count)
+            };
+            out.push(match *apex {
+                Apex::Sheet { face_nodes: 0, crossings } => {
+                    mean(&mut (0..EDGES).filter(|e| crossings >> e & 1 == 1).map(|e| self.crossing(rule, e)))
+                }
+                Apex::Sheet { face_nodes, .. } => {
+                    let mut at = mean(
+                        &mut (0..6).filter(|f| face_nodes >> f & 1 == 1).map(|f| self.face_node(rule, f)),
+                    );
+                    if let Some(axis) = self.border_axis() {
+                        at[axis] = 0.5;
+                    }
+                    at
+                }
+                Apex::Cap { main, corners } => {
+                    let main = out[usize::from(main)];
+                    let corner = mean(
+                        &mut (0..CORNERS)
+                            .filter(|c| corners >> c & 1 == 1)
+                            .map(|c| corner_offset(c).map(|o| o as f32)),
+                    );
+                    std::array::from_fn(|a| 0.5 * (main[a] + corner[a]))
+                }
+            });
+        }
+        out
+    }
+
+    /// The axis across which the cell leaves the volume, if it does so across one whole face.
+    fn border_axis(&self) -> Option<usize> {
+        let outside =
+            (0..CORNERS).filter(|&c| self.labels[c] == MaterialId::OUTSIDE).fold(0u8, |set, c| set | 1 << c);
+        [[0xAA, 0x55], [0xCC, 0x33], [0xF0, 0x0F]].iter().position(|sides| sides.contains(&outside))
+    }
+
+    /// What a vertex is where the materials of these corners meet.
+    pub(super) fn kind(&self, corners: impl IntoIterator<Item = usize>, border: Border) -> VertexKind {
+        let mut seen = [MaterialId::OUTSIDE; CORNERS];
+        let (mut count, mut outside) = (0, false);
+        for c in corners {
+            let label = self.labels[c];
+            if label == MaterialId::OUTSIDE {
+                outside = true;
+            } else if !seen[..count].contains(&label) {
+                seen[count] = label;
+                count += 1;
+            }
+        }
+        VertexKind::new(count + usize::from(outside && border == Border::Closed), outside)
+    }
+}
+
+/// Where the crossing lies on the edge from padded point `from` along `axis`.
+pub(super) fn crossing_position<C: CrossingRule>(
+    rule: &C,
+    from: [usize; 3],
+    axis: usize,
+    labels: [MaterialId; 2],
+) -> f32 {
+    if labels.contains(&MaterialId::OUTSIDE) { 0.5 } else { rule.position(from, axis, labels) }
+}
