@@ -1,5 +1,12 @@
-//! Which grey value is which material.
+//! Which grey value is which material: the histogram, the materials found in it, the scan's blur.
 
+mod blur;
+mod find;
+mod histogram;
+mod sampling;
 mod table;
 
+pub use blur::{Blur, DEFAULT_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis};
+pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, default_name, find_materials};
+pub use histogram::Histogram;
 pub use table::{Material, MaterialTable, MaterialTableError};
