@@ -4,6 +4,7 @@ mod check;
 mod compare;
 mod extract;
 mod info;
+mod input;
 mod phantom;
 mod progress;
 mod render;

@@ -1,7 +1,32 @@
 //! Grey values: the [`VolumeSource`] trait, its readers, and samples in memory.
+//!
+//! [`open`] reads MetaImage, NRRD, TIFF (multi-page files and folders of slices) and headerless
+//! samples. All readers hold to the same rules: a header is checked against the file before memory
+//! is taken, memory grows only with data that is really there, what is not read is refused by name,
+//! and no sample that is not finite ever comes out.
 
+mod collect;
+mod error;
+mod finite;
+mod header;
+mod metaimage;
+mod nrrd;
+mod open;
+mod positioned;
+mod raw;
+mod region;
+mod respaced;
 mod samples;
 mod source;
+mod stream;
+mod tiff;
 
+pub use collect::Endian;
+pub use error::VolumeError;
+pub use finite::check_finite;
+pub use open::{OpenOptions, open};
+pub use raw::RawLayout;
+pub use region::RegionOfInterest;
+pub use respaced::Respaced;
 pub use samples::{Sample, SampleType, Samples};
-pub use source::{MemorySource, VolumeError, VolumeSource};
+pub use source::{MemorySource, VolumeSource};

@@ -1,55 +1,12 @@
 //! Region reads: every volume, in memory or on disk, is a [`VolumeSource`].
 
-use std::path::PathBuf;
+use super::finite::check_finite;
+use super::{SampleType, Samples, VolumeError};
+use crate::grid::{Geometry, VoxelBox};
 
-use thiserror::Error;
-
-use super::{SampleType, Samples};
-use crate::grid::{Geometry, GeometryError, VoxelBox};
-
-/// Why a volume cannot be read.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum VolumeError {
-    /// The file system refused.
-    #[error("cannot read {}: {error}", path.display())]
-    Io {
-        /// What was to be read.
-        path: PathBuf,
-        /// What the system said.
-        #[source]
-        error: std::io::Error,
-    },
-    /// Header values that make no geometry.
-    #[error("{}: {error}", path.display())]
-    Geometry {
-        /// The file whose header it is.
-        path: PathBuf,
-        /// What is wrong with it.
-        #[source]
-        error: GeometryError,
-    },
-    /// A box that is empty or reaches beyond the volume.
-    #[error("the box {box_low:?} to {box_high:?} is not inside the volume of {size:?} voxels", box_low = .part.low, box_high = .part.high)]
-    Box {
-        /// The box asked for.
-        part: VoxelBox,
-        /// Voxels per axis of the volume.
-        size: [usize; 3],
-    },
-    /// Fewer samples than the size says.
-    #[error("{got} samples for a volume of {size:?} voxels, which needs {needed}")]
-    Length {
-        /// Samples given.
-        got: usize,
-        /// Voxels per axis.
-        size: [usize; 3],
-        /// Samples needed.
-        needed: usize,
-    },
-}
-
-/// A volume of grey values from which any box can be read.
+/// A volume of grey values from which any box can be read, from any thread.
+///
+/// No source ever yields a sample that is not finite.
 pub trait VolumeSource: Send + Sync {
     /// Size, spacing, origin and direction of the whole volume.
     fn geometry(&self) -> &Geometry;
@@ -67,6 +24,11 @@ pub trait VolumeSource: Send + Sync {
     /// [`VolumeError::Box`] if the box is empty or not inside the volume; otherwise whatever went
     /// wrong while reading.
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError>;
+
+    /// What a report should say about how this volume was read: assumptions made, values replaced.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// All samples.
     ///
@@ -88,12 +50,14 @@ impl MemorySource {
     /// A volume of `samples`, x fastest.
     ///
     /// # Errors
-    /// [`VolumeError::Length`] if their number does not fit the geometry.
+    /// [`VolumeError::Length`] if their number does not fit the geometry, [`VolumeError::NotFinite`]
+    /// if one of them is not a number.
     pub fn new(geometry: Geometry, samples: Samples) -> Result<Self, VolumeError> {
         if samples.len() != geometry.voxels() {
             let (size, needed) = (geometry.size(), geometry.voxels());
             return Err(VolumeError::Length { got: samples.len(), size, needed });
         }
+        check_finite(&samples, &VoxelBox::whole(geometry.size()))?;
         Ok(Self { geometry, samples })
     }
 }

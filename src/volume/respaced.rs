@@ -1,0 +1,51 @@
+//! A volume whose spacing the user knows better than its file.
+
+use super::{SampleType, Samples, VolumeError, VolumeSource};
+use crate::grid::{Geometry, GeometryError, VoxelBox};
+
+/// Another volume with its spacing replaced, which its notes say. Samples, origin and direction
+/// stay as they are.
+pub struct Respaced {
+    source: Box<dyn VolumeSource>,
+    geometry: Geometry,
+}
+
+impl Respaced {
+    /// `source` with the spacing `spacing`, in millimetres.
+    ///
+    /// # Errors
+    /// [`GeometryError::Spacing`] if it is not usable.
+    pub fn new(source: Box<dyn VolumeSource>, spacing: [f64; 3]) -> Result<Self, GeometryError> {
+        let geometry = source.geometry().with_spacing(spacing)?;
+        Ok(Self { source, geometry })
+    }
+}
+
+impl VolumeSource for Respaced {
+    fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    fn sample_type(&self) -> SampleType {
+        self.source.sample_type()
+    }
+
+    fn cheap_partial_reads(&self) -> bool {
+        self.source.cheap_partial_reads()
+    }
+
+    fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        self.source.read(part)
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes = self.source.notes();
+        let text = |[x, y, z]: [f64; 3]| format!("{x} x {y} x {z} mm");
+        notes.push(format!(
+            "the spacing was given as {}, in place of {}",
+            text(self.geometry.spacing()),
+            text(self.source.geometry().spacing())
+        ));
+        notes
+    }
+}
