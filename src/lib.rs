@@ -3,7 +3,9 @@
 
 pub mod cli;
 pub mod execution;
+pub mod export;
 pub mod grid;
 pub mod material;
 pub mod mesh;
+pub mod phantom;
 pub mod volume;
