@@ -145,7 +145,7 @@ impl SceneName {
                 "An iron ball sunk into the flat end of an aluminium cylinder, slightly off its axis. Curved interfaces; air, aluminium and iron meet in a circle at which the air is a wedge of 77 degrees."
             }
             Self::FourMaterials => {
-                "An iron disc with three sectors of 120 degrees on it: aluminium, a middle material, and one left open. The four materials meet in one point in the middle, from which four junction curves start."
+                "An iron disc with three sectors of 120 degrees on it: aluminium, a middle material, and one left open. The four materials meet in a point in the middle, from which four junction curves start, and in one at the rim."
             }
             Self::ThinPlate => {
                 "An iron plate in air, as thin as --thickness says. Parts thinner than the blur lose their grey value."

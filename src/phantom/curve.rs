@@ -182,7 +182,10 @@ fn closest_on_ellipse(q: DVec3, a: DVec3, b: DVec3, low: f64, high: f64) -> f64 
         .min_by(|s, t| value(*s).total_cmp(&value(*t)))
         .unwrap_or(low);
     // The minimum is between the neighbours of the best start: Newton, halving where it leaves them.
-    let (mut left, mut right) = ((start - step).max(low), (start + step).min(high));
+    // A whole turn has no ends to stop at.
+    let closed = high - low > TAU - 1e-9;
+    let stop = |t: f64| if closed { t } else { t.clamp(low, high) };
+    let (mut left, mut right) = (stop(start - step), stop(start + step));
     let mut t = start;
     for _ in 0..60 {
         let (s, c) = libm::sincos(t);
@@ -201,7 +204,11 @@ fn closest_on_ellipse(q: DVec3, a: DVec3, b: DVec3, low: f64, high: f64) -> f64 
             break;
         }
     }
-    t
+    match closed {
+        true if t < low => t + TAU,
+        true if t > high => t - TAU,
+        _ => t,
+    }
 }
 
 #[cfg(test)]

@@ -18,6 +18,8 @@ mod raster;
 mod scene;
 mod sidecar;
 mod surface;
+#[cfg(test)]
+mod tests;
 mod truth;
 
 use glam::{DMat3, DVec3};

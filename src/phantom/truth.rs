@@ -323,6 +323,10 @@ fn pieces(scene: &Scene, ball: (DVec3, f64)) -> Result<Vec<CurvePiece>, PhantomE
                     continue;
                 }
                 for (low, high) in cut(scene, &curve, range, &containing) {
+                    // Where several surfaces cross the curve in one point, rounding leaves specks.
+                    if curve.length(low, high) < 1e-9 * ball.1 {
+                        continue;
+                    }
                     out.extend(piece(scene, curve, (low, high), &containing, ball.1));
                 }
             }
