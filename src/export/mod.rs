@@ -1,0 +1,3 @@
+//! Writing files: one format per file.
+
+pub mod metaimage;

@@ -1,0 +1,1 @@
+//! A mesh against the exact geometry of a phantom.

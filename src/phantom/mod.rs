@@ -1,0 +1,174 @@
+//! Test objects with exact geometry: volumes to extract from, and the truth to compare with.
+//!
+//! A [`Phantom`] is made from [`PhantomOptions`] alone. It knows its lattice, its materials and its
+//! [`Truth`] (closest points on every interface and junction curve, exact volumes, topology), and
+//! [`Phantom::rasterise`] turns it into a volume as a scanner with a known blur and known noise would.
+//! [`compare`] measures a mesh against the truth.
+//!
+//! Guaranteed: the same options give the same bytes for any number of threads; distances, curves and
+//! volumes are closed forms, limited by rounding only. Not modelled: beam hardening other than the
+//! cupping option, scatter, rings, correlated noise, unsharpness that changes over the volume.
+
+mod catalogue;
+pub mod compare;
+mod curve;
+mod noise;
+mod options;
+mod raster;
+mod scene;
+mod sidecar;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod truth;
+
+use glam::{DMat3, DVec3};
+
+pub use catalogue::{SceneName, Topology};
+pub use curve::Curve;
+pub use options::{Noise, PhantomError, PhantomOptions};
+pub use scene::Scene;
+pub use sidecar::{Sidecar, SidecarMaterial};
+pub use surface::Surface;
+pub use truth::{Closest, CurvePiece, Truth};
+
+use crate::execution::Execution;
+use crate::grid::Geometry;
+use crate::material::MaterialTable;
+use crate::volume::{SampleType, Samples};
+
+/// A test object in its volume.
+#[derive(Debug, Clone)]
+pub struct Phantom {
+    options: PhantomOptions,
+    geometry: Geometry,
+    materials: MaterialTable,
+    truth: Truth,
+}
+
+impl Phantom {
+    /// The phantom that `options` describe.
+    ///
+    /// # Errors
+    /// [`PhantomError`] names the option that is not usable.
+    pub fn new(options: &PhantomOptions) -> Result<Self, PhantomError> {
+        options.check()?;
+        let geometry = Geometry::axis_aligned(options.size, options.spacing)?;
+        let materials = materials(options)?;
+        let rotation = surface::rotation(options.rotation);
+        let scale = scale(options, &geometry, &rotation);
+        let thickness = options.thickness * geometry.voxel_edge() / scale;
+        let limit = options.scene.max_thickness();
+        if thickness > limit {
+            let limit = limit * scale / geometry.voxel_edge();
+            return Err(PhantomError::Range {
+                name: "thickness",
+                value: options.thickness,
+                range: format!("at most {limit:.1} voxels in a volume of this size"),
+            });
+        }
+        let middle = DVec3::from(options.size.map(|n| 0.5 * (n as f64 - 1.0)));
+        let centre = geometry.world(middle + DVec3::from(options.shift));
+        let blueprint = options.scene.blueprint(thickness);
+        let scene = blueprint.scene.placed(&rotation, scale, centre);
+        let volumes = blueprint.volumes.iter().map(|v| v * scale.powi(3)).collect();
+        let radius = scale
+            * match options.scene.bounds() {
+                catalogue::Bounds::Box(half) => half.length(),
+                catalogue::Bounds::Ball(radius) => radius,
+            };
+        let truth = Truth::new(scene, (centre, radius), volumes, blueprint.topology)?;
+        Ok(Self { options: options.clone(), geometry, materials, truth })
+    }
+
+    /// What it was made from.
+    #[must_use]
+    pub fn options(&self) -> &PhantomOptions {
+        &self.options
+    }
+
+    /// The lattice of its volume.
+    #[must_use]
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// Its materials with their exact grey values (before cupping and noise).
+    #[must_use]
+    pub fn materials(&self) -> &MaterialTable {
+        &self.materials
+    }
+
+    /// Its exact geometry in the world, mm.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        &self.truth
+    }
+
+    /// Standard deviation of its noise as a grey value.
+    #[must_use]
+    pub fn noise_sigma(&self) -> f64 {
+        match self.options.noise {
+            Noise::Grey(sigma) => sigma,
+            Noise::Percent(percent) => {
+                let means = self.materials.materials();
+                let contrast = means.windows(2).map(|w| w[1].mean - w[0].mean).fold(f64::INFINITY, f64::min);
+                0.01 * percent * contrast
+            }
+        }
+    }
+
+    /// Sigma of its blur, mm per axis, without the voxel's own box.
+    #[must_use]
+    pub fn sigma_mm(&self) -> [f64; 3] {
+        let spacing = self.geometry.spacing();
+        match self.options.sigma_axes {
+            Some(axes) => std::array::from_fn(|a| axes[a] * spacing[a]),
+            None => [self.options.sigma * self.geometry.voxel_edge(); 3],
+        }
+    }
+
+    /// The volume: area-sampled on the fine grid, blurred there, averaged over each voxel, with noise.
+    ///
+    /// # Errors
+    /// [`PhantomError::Cancelled`] if it was stopped.
+    pub fn rasterise(&self, execution: &Execution) -> Result<Samples, PhantomError> {
+        raster::rasterise(self, execution)
+    }
+}
+
+/// mm per unit of the object: its rotated box fills the wanted share of the shortest side.
+fn scale(options: &PhantomOptions, geometry: &Geometry, rotation: &DMat3) -> f64 {
+    let spacing = geometry.spacing();
+    let side = (0..3).map(|a| options.size[a] as f64 * spacing[a]).fold(f64::INFINITY, f64::min);
+    let reach = match options.scene.bounds() {
+        catalogue::Bounds::Ball(radius) => radius,
+        catalogue::Bounds::Box(half) => (0..3)
+            .map(|a| rotation.row(a).abs().dot(half))
+            .fold(0.0, f64::max),
+    };
+    0.5 * options.fill * side / reach
+}
+
+fn materials(options: &PhantomOptions) -> Result<MaterialTable, PhantomError> {
+    let scene = options.scene.materials();
+    let names = scene.iter().map(|(name, _)| *name);
+    let Some(greys) = &options.greys else {
+        // The defaults are 16-bit values; 160 brings the brightest to 250, 2 to within i16.
+        let divisor = match options.sample_type {
+            SampleType::U8 => 160.0,
+            SampleType::I16 => 2.0,
+            SampleType::U16 | SampleType::F32 => 1.0,
+        };
+        return Ok(MaterialTable::new(scene.iter().map(|(name, grey)| (*name, grey / divisor)))?);
+    };
+    if greys.len() != scene.len() {
+        return Err(PhantomError::Greys {
+            got: greys.len(),
+            scene: options.scene.name(),
+            needed: scene.len(),
+            names: names.collect::<Vec<_>>().join(", "),
+        });
+    }
+    Ok(MaterialTable::new(names.zip(greys.iter().copied()))?)
+}

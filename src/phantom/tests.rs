@@ -1,0 +1,258 @@
+//! The truth against brute force, the volumes against closed forms.
+
+use glam::DVec3;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+use super::*;
+use crate::grid::MaterialId;
+
+fn options(scene: SceneName, size: usize) -> PhantomOptions {
+    PhantomOptions { scene, size: [size; 3], ..PhantomOptions::default() }
+}
+
+fn phantom(scene: SceneName, size: usize) -> Phantom {
+    Phantom::new(&options(scene, size)).unwrap()
+}
+
+/// Random points in a ball's box.
+fn points(ball: (DVec3, f64), n: usize, seed: u64) -> Vec<DVec3> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut unit = || (rng.next_u64() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0;
+    (0..n).map(|_| ball.0 + ball.1 * DVec3::new(unit(), unit(), unit())).collect()
+}
+
+#[test]
+fn closest_points_lie_between_the_pairs_materials_and_beat_dense_samples() {
+    for scene in SceneName::ALL {
+        let truth = phantom(scene, 64).truth().clone();
+        assert!(!truth.pairs().is_empty());
+        let step = 0.5;
+        let samples = truth.all_samples(step);
+        let probes = points((DVec3::ZERO, 1.0), 60, 5);
+        for &pair in truth.pairs() {
+            let own: Vec<DVec3> = samples.iter().filter(|s| s.0 == pair).map(|s| s.1).collect();
+            let mut last: Option<(DVec3, f64)> = None;
+            for q in points(truth.ball(), 100, 3) {
+                let closest = truth.closest(pair, q).unwrap();
+                assert!(((q - closest.point).length() - closest.distance).abs() < 1e-9);
+                // Both materials occur in any small ball around the closest point.
+                let around: Vec<MaterialId> =
+                    probes.iter().map(|p| truth.material_at(closest.point + 1e-4 * *p)).collect();
+                assert!(around.contains(&pair.back()) && around.contains(&pair.front()), "{scene:?} {pair:?}");
+                let dense = own.iter().map(|p| (*p - q).length()).fold(f64::INFINITY, f64::min);
+                assert!(closest.distance <= dense + 1e-9, "{scene:?} {pair:?} {} {dense}", closest.distance);
+                assert!(dense <= closest.distance + 1.5 * step, "{scene:?} {pair:?} {} {dense}", closest.distance);
+                // A point of one of the two materials is on that material's side.
+                let here = truth.material_at(q);
+                if here == pair.front() && closest.distance > 1e-6 && truth.closest_junction(q).is_none() {
+                    assert!(closest.in_front);
+                }
+                if let Some((other, distance)) = last {
+                    assert!((distance - closest.distance).abs() <= (q - other).length() + 1e-9);
+                }
+                last = Some((q, closest.distance));
+            }
+            assert!(truth.closest(pair, own[0]).unwrap().distance < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_small_step_off_an_interface_is_on_the_stated_side_at_the_stated_distance() {
+    for scene in SceneName::ALL {
+        let truth = phantom(scene, 64).truth().clone();
+        for (pair, p, _) in truth.all_samples(3.0) {
+            for (k, direction) in points((DVec3::ZERO, 1.0), 6, 9).into_iter().enumerate() {
+                let q = p + 0.02 * direction;
+                let found = truth.closest(pair, q).unwrap();
+                let here = truth.material_at(q);
+                assert!(found.distance <= 0.02 * direction.length() + 1e-12);
+                if pair.contains(here) && found.distance > 1e-9 {
+                    assert_eq!(found.in_front, here == pair.front(), "{scene:?} {pair:?} {k}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn exact_volumes_agree_with_quadrature_along_lines() {
+    for scene in SceneName::ALL {
+        let truth = phantom(scene, 64).truth().clone();
+        let (centre, radius) = truth.ball();
+        let along = DVec3::new(0.3, 0.5, 0.81).normalize();
+        let (u, v) = along.any_orthonormal_pair();
+        let n = 400;
+        let width = 2.0 * radius / f64::from(n);
+        let mut sums = vec![0.0; truth.topology().len()];
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+            let offset = |k: i32| (f64::from(k) + 0.5) * width - radius;
+            let p = centre + offset(i) * u + offset(j) * v;
+            let mut cuts: Vec<f64> = truth
+                .scene()
+                .surfaces()
+                .iter()
+                .flat_map(|s| s.crossings(p, along))
+                .flatten()
+                .filter(|t| t.abs() < radius)
+                .collect();
+            cuts.extend([-radius, radius]);
+            cuts.sort_by(f64::total_cmp);
+            for w in cuts.windows(2) {
+                let material = truth.material_at(p + 0.5 * (w[0] + w[1]) * along);
+                sums[usize::from(material.0)] += (w[1] - w[0]) * width * width;
+            }
+        }
+        for (id, sum) in sums.iter().enumerate().skip(1) {
+            let exact = truth.volume(MaterialId(id as u8)).unwrap();
+            assert!((sum / exact - 1.0).abs() < 5e-4, "{scene:?} {id}: {sum} {exact}");
+        }
+    }
+}
+
+#[test]
+fn junction_curves_have_three_materials_around_and_points_four() {
+    for scene in SceneName::ALL {
+        let truth = phantom(scene, 64).truth().clone();
+        let has = scene.materials().len() > 2;
+        assert_eq!(truth.junctions().count() > 0, has, "{scene:?}");
+        let probes = points((DVec3::ZERO, 1.0), 200, 5);
+        for piece in truth.junctions() {
+            assert_eq!(piece.materials.len(), 3, "{scene:?}");
+            for (p, _) in piece.curve.samples(piece.low, piece.high, 2.0) {
+                let mut around: Vec<_> = probes.iter().map(|d| truth.material_at(p + 1e-4 * *d)).collect();
+                around.sort_unstable();
+                around.dedup();
+                assert_eq!(around, piece.materials, "{scene:?}");
+                assert!(truth.closest_junction(p).unwrap().1 < 1e-9);
+            }
+        }
+        // The middle, and where the plane between the two sectors ends at the rim.
+        assert_eq!(truth.junction_points().len(), if scene == SceneName::FourMaterials { 2 } else { 0 });
+    }
+    let ring = phantom(SceneName::PressFitRing, 64);
+    let circle = ring.truth().junctions().next().unwrap().length();
+    assert!((ring.truth().junction_length() - 2.0 * circle).abs() < 1e-6);
+}
+
+#[test]
+fn grey_values_sum_up_to_the_exact_volumes() {
+    for scene in SceneName::ALL {
+        let phantom = Phantom::new(&PhantomOptions {
+            noise: Noise::Grey(0.0),
+            sample_type: SampleType::F32,
+            ..options(scene, 32)
+        })
+        .unwrap();
+        let samples = phantom.rasterise(&Execution::default()).unwrap();
+        let means = phantom.materials().materials();
+        let sum: f64 = (0..samples.len()).map(|i| f64::from(samples.get(i)) - means[0].mean).sum();
+        let exact: f64 = means[1..]
+            .iter()
+            .map(|m| phantom.truth().volume(m.id).unwrap() * (m.mean - means[0].mean))
+            .sum();
+        assert!((sum * phantom.geometry().voxel_volume() / exact - 1.0).abs() < 3e-5, "{scene:?} {sum} {exact}");
+    }
+}
+
+/// Distribution function of the standard normal distribution.
+fn normal(x: f64) -> f64 {
+    0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
+}
+
+#[test]
+fn a_plate_has_the_profile_of_the_blur_and_the_voxels_box() {
+    for (spacing, axes) in [([1.0; 3], None), ([0.5, 0.8, 1.1], None), ([1.0; 3], Some([1.0, 1.2, 1.4]))] {
+        let phantom = Phantom::new(&PhantomOptions {
+            noise: Noise::Grey(0.0),
+            sample_type: SampleType::F32,
+            thickness: 7.0,
+            spacing,
+            sigma_axes: axes,
+            ..options(SceneName::ThinPlate, 48)
+        })
+        .unwrap();
+        let samples = phantom.rasterise(&Execution::default()).unwrap();
+        let geometry = phantom.geometry();
+        let truth = phantom.truth();
+        // Surfaces 4 and 5 of the plate's box are its large faces.
+        let top = truth.scene().surfaces()[5];
+        let normal_direction = top.normal(DVec3::ZERO);
+        let thickness = 7.0 * geometry.voxel_edge();
+        let sigma = phantom.sigma_mm();
+        let variance: f64 = (0..3)
+            .map(|a| normal_direction[a].powi(2) * (sigma[a].powi(2) + spacing[a].powi(2) / 12.0))
+            .sum();
+        let s = variance.sqrt();
+        let (centre, radius) = truth.ball();
+        let mut worst: f64 = 0.0;
+        let mut count = 0;
+        for i in 0..samples.len() {
+            let index = DVec3::new((i % 48) as f64, (i / 48 % 48) as f64, (i / 48 / 48) as f64);
+            let p = geometry.world(index);
+            let side = (p - centre) - (p - centre).dot(normal_direction) * normal_direction;
+            if side.length() > 0.3 * radius {
+                continue;
+            }
+            count += 1;
+            let d = top.signed_distance(p);
+            let share = normal((d + thickness) / s) - normal(d / s);
+            let value = (f64::from(samples.get(i)) - 4000.0) / 36000.0;
+            worst = worst.max((value - share).abs());
+        }
+        assert!(count > 1000);
+        // The box of a voxel is no Gaussian: that alone makes about a thousandth.
+        assert!(worst < 2e-3, "{worst}");
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_byte_and_the_seed_does() {
+    let phantom = phantom(SceneName::BoltInPlate, 24);
+    let run = |threads: usize, phantom: &Phantom| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| phantom.rasterise(&Execution::default()).unwrap())
+    };
+    let one = run(1, &phantom);
+    assert_eq!(one, run(4, &phantom));
+    let other = Phantom::new(&PhantomOptions { seed: 2, ..phantom.options().clone() }).unwrap();
+    assert_ne!(one, run(1, &other));
+}
+
+#[test]
+fn cupping_darkens_the_middle_only() {
+    let base = PhantomOptions {
+        noise: Noise::Grey(0.0),
+        sample_type: SampleType::F32,
+        ..options(SceneName::Sphere, 32)
+    };
+    let middle = |cupping| {
+        let phantom = Phantom::new(&PhantomOptions { cupping, ..base.clone() }).unwrap();
+        phantom.rasterise(&Execution::default()).unwrap().get((16 * 32 + 16) * 32 + 16)
+    };
+    assert!((middle(0.0) - 11600.0).abs() < 0.01);
+    assert!((f64::from(middle(0.1)) - (11600.0 - 760.0)).abs() < 40.0);
+}
+
+#[test]
+fn a_truth_file_restores_the_phantom_and_bad_options_are_refused_by_name() {
+    let phantom = phantom(SceneName::FourMaterials, 32);
+    let text = Sidecar::new(&phantom).to_json().unwrap();
+    let read = Sidecar::from_json(&text).unwrap();
+    assert_eq!(&read.options, phantom.options());
+    assert_eq!(read.materials.len(), 4);
+    let later = text.replace("\"version\": 1", "\"version\": 9");
+    assert!(matches!(Sidecar::from_json(&later), Err(PhantomError::Version { version: 9, .. })));
+    let refused = |change: fn(&mut PhantomOptions)| {
+        let mut options = PhantomOptions { scene: SceneName::ThinGap, ..PhantomOptions::default() };
+        change(&mut options);
+        Phantom::new(&options).unwrap_err().to_string()
+    };
+    assert!(refused(|o| o.thickness = 1e3).contains("thickness"));
+    assert!(refused(|o| o.fill = 0.0).contains("fill"));
+    assert!(refused(|o| o.sigma = f64::NAN).contains("sigma"));
+    assert!(refused(|o| o.greys = Some(vec![1.0])).contains("air, aluminium"));
+    assert!(refused(|o| o.size = [0; 3]).contains("size"));
+    assert!(SceneName::from_name("ball").is_err());
+}
