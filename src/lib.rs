@@ -6,4 +6,5 @@ pub mod execution;
 pub mod grid;
 pub mod material;
 pub mod mesh;
+pub mod report;
 pub mod volume;
