@@ -10,4 +10,5 @@ pub mod grid;
 pub mod material;
 pub mod mesh;
 pub mod phantom;
+pub mod report;
 pub mod volume;

@@ -1,0 +1,23 @@
+//! What happened, for people: pictures of a mesh and of a volume's slices, drawn without a GPU or
+//! a display.
+//!
+//! [`render`] draws a mesh with its own z-buffer; [`slice_picture`] draws a slice of grey values with the
+//! mesh's outline over it. Both give a [`Picture`], which saves itself as PNG. The same input gives the same
+//! bytes whatever the number of threads.
+
+mod camera;
+mod colour;
+mod draw;
+mod edges;
+mod font;
+mod legend;
+mod outline;
+mod picture;
+mod raster;
+mod render;
+mod slice;
+
+pub use colour::{Palette, Rgb};
+pub use picture::{Background, Picture, PictureError};
+pub use render::{Cut, RenderOptions, render};
+pub use slice::{SliceOptions, slice_picture};
