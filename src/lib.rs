@@ -3,6 +3,7 @@
 
 pub mod cli;
 pub mod execution;
+pub mod export;
 pub mod grid;
 pub mod material;
 pub mod mesh;
