@@ -1,5 +1,10 @@
 //! The labelled surface mesh, its checks, parts and measures.
 
+pub mod check;
+mod edge_table;
+#[cfg(test)]
+pub(crate) mod fixtures;
 mod interface_mesh;
+mod vertex_table;
 
 pub use interface_mesh::{InterfaceMesh, MeshError, MeshMaterial};
