@@ -29,10 +29,11 @@ pub(crate) struct Args {
     /// Do not draw the legend.
     #[arg(long)]
     no_legend: bool,
+    // In boxes, so that the commands' arguments are of like size.
     #[command(flatten)]
-    view: ViewArgs,
+    view: Box<ViewArgs>,
     #[command(flatten)]
-    slice: SliceArgs,
+    slice: Box<SliceArgs>,
 }
 
 #[derive(Debug, clap::Args)]

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::camera::{Camera, HalfSpace};
 use super::colour::{BORDER, INK, JUNCTION, OPEN, WHITE};
 use super::edges::{EdgeMark, MarkedEdge, marked_edges};
-use super::legend::{self, Entry};
+use super::legend::{Entry, Legend};
 use super::raster::{self, Band, Corner, Seen};
 use super::{Background, Palette, Picture, PictureError, Rgb};
 use crate::grid::{MaterialId, Pair};
@@ -121,7 +121,8 @@ pub fn render(mesh: &InterfaceMesh, options: &RenderOptions) -> Result<Picture, 
         let mut entries: Vec<Entry> = drawn.into_iter().flatten().collect();
         entries.sort_unstable();
         entries.dedup();
-        legend::draw(&mut picture, mesh.materials(), &options.palette, &entries);
+        let legend = Legend::new(&entries, mesh.materials(), &options.palette, options.height);
+        legend.draw_in_emptiest_corner(&mut picture);
     }
     Ok(picture)
 }
@@ -158,6 +159,10 @@ struct Bins {
 impl<'a> Scene<'a> {
     fn new(mesh: &'a InterfaceMesh, options: &'a RenderOptions) -> Result<Self, PictureError> {
         let triangles = mesh.triangles();
+        if triangles.len() >= raster::TRIANGLES_END as usize {
+            let (what, value) = ("the number of triangles", triangles.len() as f64);
+            return Err(PictureError::Option { what, value, needed: "below 2^32 - 512" });
+        }
         let shown = |t: usize| is_shown(mesh.pairs()[t], &options.only);
         if !(0..triangles.len()).any(shown) {
             return Err(PictureError::Nothing { triangles: triangles.len() });
@@ -168,7 +173,13 @@ impl<'a> Scene<'a> {
         let projected: Vec<DVec3> = mesh.positions().par_iter().map(|&p| camera.project(p)).collect();
         let tones = (0..triangles.len())
             .into_par_iter()
-            .map(|t| lit(options.palette.surface(mesh.pairs()[t]), mesh.corners(t), &camera))
+            .map(|t| {
+                let pair = mesh.pairs()[t];
+                let colour = options.palette.surface(pair);
+                let shade = lit(colour, mesh.corners(t), &camera);
+                // A cut face is a drawing more than a surface: it must stay light from every side.
+                if pair.front() == MaterialId::OUTSIDE { shade.mix(colour, 0.6) } else { shade }
+            })
             .collect();
         let mut lines: Vec<Line> = if options.junctions || options.open_edges {
             marked_edges(mesh, shown)
@@ -344,11 +355,13 @@ impl<'a> Scene<'a> {
         tone
     }
 
-    /// Diagonal lines over a cut face: falling for materials of even id, rising for odd ones.
+    /// Diagonal lines over a cut face: rising for materials of even id, falling for odd ones, and
+    /// wider apart for higher ones, so that neighbours in a section differ.
     fn hatched(&self, tone: Rgb, id: MaterialId, x: usize, y: usize) -> Rgb {
-        let pitch = (9.0 * unit(self.options)).round() as usize * self.options.supersampling;
-        let along = if id.0 % 2 == 0 { x + y } else { x + pitch * y - y };
-        if along % pitch < pitch / 7 + 1 { tone.lit(0.82, 0.0) } else { tone }
+        let wider = 1.0 + 0.5 * f64::from(id.0 / 2 % 3);
+        let pitch = (8.0 * wider * unit(self.options)).round() as usize * self.options.supersampling;
+        let along = if id.0.is_multiple_of(2) { x + y } else { x + pitch * y - y };
+        if along % pitch < self.options.supersampling { tone.lit(0.82, 0.0) } else { tone }
     }
 
     /// How much ink the wires of triangle `t` leave at a sample (0 to 1).
@@ -417,10 +430,10 @@ pub(super) fn line_colour(mark: EdgeMark) -> Rgb {
 fn lit(colour: Rgb, [a, b, c]: [DVec3; 3], camera: &Camera) -> Rgb {
     let normal = camera.turn((b - a).cross(c - a).normalize_or_zero());
     let (normal, inside) = if normal.z < 0.0 { (-normal, 0.78) } else { (normal, 1.0) };
-    let key = DVec3::new(-0.45, 0.55, 0.70).normalize();
+    let key = DVec3::new(-0.42, 0.42, 0.80).normalize();
     let fill = DVec3::new(0.80, 0.10, 0.55).normalize();
     let ambient = 0.40 + 0.06 * normal.y;
-    let light = ambient + 0.62 * normal.dot(key).max(0.0) + 0.16 * normal.dot(fill).max(0.0);
+    let light = ambient + 0.60 * normal.dot(key).max(0.0) + 0.19 * normal.dot(fill).max(0.0);
     let half = (key + DVec3::Z).normalize();
     let gloss = 0.14 * normal.dot(half).max(0.0).powi(28);
     // powi and the square root are the only functions here: the same on every machine.

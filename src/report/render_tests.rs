@@ -194,7 +194,7 @@ fn one_thread_and_four_give_the_same_bytes() {
 #[test]
 fn options_out_of_range_and_empty_choices_are_refused() {
     let error = |options: RenderOptions| render(&two(), &options).unwrap_err();
-    assert!(matches!(error(front(&[77])), PictureError::Nothing { triangles: 40 }));
+    assert!(matches!(error(front(&[77])), PictureError::Nothing { triangles: 56 }));
     let bad = RenderOptions { azimuth: f64::NAN, ..front(&[]) };
     assert!(matches!(error(bad), PictureError::Option { .. }));
     let bad = RenderOptions { supersampling: 0, ..front(&[]) };
