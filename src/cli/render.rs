@@ -21,7 +21,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "PNG")]
     out: PathBuf,
     /// Show only this material; may be given several times.
-    #[arg(long, value_name = "NAME|ID")]
+    #[arg(long, value_name = "NAME|ID", requires = "mesh")]
     only: Vec<String>,
     /// Do not draw junction curves or points.
     #[arg(long)]

@@ -3,7 +3,7 @@
 use super::colour::{INK, WHITE};
 use super::draw::text_width;
 use super::edges::EdgeMark;
-use super::render::line_colour;
+use super::shade::line_colour;
 use super::{Palette, Picture, Rgb, font};
 use crate::grid::{MaterialId, Pair};
 use crate::mesh::MeshMaterial;

@@ -3,6 +3,7 @@
 use super::*;
 use crate::grid::VertexKind;
 use crate::mesh::MeshMaterial;
+use crate::report::colour::{JUNCTION, OPEN, WHITE};
 
 /// The interfaces of a block of unit cubes of materials, `label(x, y, z)` for x, y, z in
 /// `0..size`, air around it.

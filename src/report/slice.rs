@@ -182,24 +182,30 @@ fn draw_outline(
     frame: &Frame,
     options: &SliceOptions,
 ) -> Vec<Entry> {
-    let found = outline(mesh, volume.geometry(), options.axis, options.index as f64);
+    let shown = |pair: Pair| options.only.is_empty() || options.only.iter().any(|&id| pair.contains(id));
+    let found = outline(mesh, volume.geometry(), options.axis, options.index as f64, shown);
+    // What the crop leaves out must not stand in the legend.
+    let size = frame.pixels.map(|n| n as f64);
+    let misses = |a: [f64; 2], b: [f64; 2]| (0..2).any(|k| a[k].max(b[k]) < 0.0 || a[k].min(b[k]) > size[k]);
     let width = (options.zoom as f64 / 5.0).clamp(1.0, 3.0);
     let mut strokes: BTreeMap<Pair, Vec<[[f64; 2]; 2]>> = BTreeMap::new();
     for (ends, pair) in found.segments {
-        if options.only.is_empty() || options.only.iter().any(|&id| pair.contains(id)) {
-            strokes.entry(pair).or_default().push(ends.map(|p| frame.place(p)));
+        let [a, b] = ends.map(|p| frame.place(p));
+        if !misses(a, b) {
+            strokes.entry(pair).or_default().push([a, b]);
         }
     }
     for (&pair, lines) in &strokes {
         picture.stroke(lines, width, options.palette.outline(pair));
     }
     let mut entries: Vec<Entry> = strokes.into_keys().map(Entry::Outline).collect();
-    if options.junctions && !found.junctions.is_empty() {
-        for at in found.junctions.into_iter().map(|p| frame.place(p)) {
-            picture.disc(at, 1.6 * width + 1.0, INK);
-            picture.disc(at, 1.6 * width, DOT);
+    let dots = found.junctions.into_iter().map(|p| frame.place(p)).filter(|&p| !misses(p, p));
+    for at in dots.filter(|_| options.junctions) {
+        picture.disc(at, 1.6 * width + 1.0, INK);
+        picture.disc(at, 1.6 * width, DOT);
+        if entries.last() != Some(&Entry::Dot) {
+            entries.push(Entry::Dot);
         }
-        entries.push(Entry::Dot);
     }
     entries
 }
