@@ -21,7 +21,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "PNG")]
     out: PathBuf,
     /// Show only this material; may be given several times.
-    #[arg(long, value_name = "NAME|ID")]
+    #[arg(long, value_name = "NAME|ID", requires = "mesh")]
     only: Vec<String>,
     /// Do not draw junction curves or points.
     #[arg(long)]
@@ -29,10 +29,11 @@ pub(crate) struct Args {
     /// Do not draw the legend.
     #[arg(long)]
     no_legend: bool,
+    // In boxes, so that the commands' arguments are of like size.
     #[command(flatten)]
-    view: ViewArgs,
+    view: Box<ViewArgs>,
     #[command(flatten)]
-    slice: SliceArgs,
+    slice: Box<SliceArgs>,
 }
 
 #[derive(Debug, clap::Args)]

@@ -19,31 +19,28 @@ impl Picture {
         pixel.copy_from_slice(&[mixed.0, mixed.1, mixed.2, (255.0 * total + 0.5) as u8]);
     }
 
-    /// A line with round ends from `a` to `b`, anti-aliased. Pixel (i, j) has its centre at
-    /// (i + 0.5, j + 0.5).
-    pub(super) fn line(&mut self, a: [f64; 2], b: [f64; 2], width: f64, colour: Rgb) {
-        let reach = 0.5 * width + 0.5;
-        let range = |k: usize, n: usize| {
-            let low = (a[k].min(b[k]) - reach).floor().max(0.0) as i64;
-            let high = (a[k].max(b[k]) + reach).ceil().min(n as f64) as i64;
-            low..high
-        };
-        let d = [b[0] - a[0], b[1] - a[1]];
-        let length2 = d[0] * d[0] + d[1] * d[1];
-        for y in range(1, self.height()) {
-            for x in range(0, self.width()) {
-                let p = [x as f64 + 0.5 - a[0], y as f64 + 0.5 - a[1]];
-                let t =
-                    if length2 > 0.0 { ((p[0] * d[0] + p[1] * d[1]) / length2).clamp(0.0, 1.0) } else { 0.0 };
-                let distance = (p[0] - t * d[0]).hypot(p[1] - t * d[1]);
-                self.blend(x, y, colour, (reach - distance).clamp(0.0, 1.0) as f32);
-            }
+    /// Lines with round ends, anti-aliased, as one stroke: where they touch or overlap nothing is
+    /// covered twice. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
+    pub(super) fn stroke(&mut self, lines: &[[[f64; 2]; 2]], width: f64, colour: Rgb) {
+        let columns = self.width();
+        let mut cover = vec![0.0f32; columns * self.height()];
+        for &ends in lines {
+            each_covered([columns, self.height()], ends, width, |x, y, alpha| {
+                let c = &mut cover[y * columns + x];
+                *c = c.max(alpha);
+            });
+        }
+        for (i, alpha) in cover.into_iter().enumerate().filter(|(_, alpha)| *alpha > 0.0) {
+            self.blend((i % columns) as i64, (i / columns) as i64, colour, alpha);
         }
     }
 
     /// A filled disc, anti-aliased.
     pub(super) fn disc(&mut self, centre: [f64; 2], radius: f64, colour: Rgb) {
-        self.line(centre, centre, 2.0 * radius, colour);
+        let size = [self.width(), self.height()];
+        each_covered(size, [centre; 2], 2.0 * radius, |x, y, alpha| {
+            self.blend(x as i64, y as i64, colour, alpha);
+        });
     }
 
     /// A filled box of `size` pixels whose upper left pixel is `at`.
@@ -70,6 +67,36 @@ impl Picture {
     }
 }
 
+/// Calls `cover` with every pixel of a picture of `size` that a line with round ends covers, and how
+/// much of it (0 to 1).
+fn each_covered(
+    size: [usize; 2],
+    [a, b]: [[f64; 2]; 2],
+    width: f64,
+    mut cover: impl FnMut(usize, usize, f32),
+) {
+    let reach = 0.5 * width + 0.5;
+    let range = |k: usize| {
+        let low = (a[k].min(b[k]) - reach).floor().max(0.0) as usize;
+        let high = (a[k].max(b[k]) + reach).ceil().clamp(0.0, size[k] as f64) as usize;
+        low..high
+    };
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let length2 = d[0] * d[0] + d[1] * d[1];
+    for y in range(1) {
+        for x in range(0) {
+            let p = [x as f64 + 0.5 - a[0], y as f64 + 0.5 - a[1]];
+            let along = if length2 > 0.0 { (p[0] * d[0] + p[1] * d[1]) / length2 } else { 0.0 };
+            let t = along.clamp(0.0, 1.0);
+            let off = [p[0] - t * d[0], p[1] - t * d[1]];
+            let alpha = (reach - (off[0] * off[0] + off[1] * off[1]).sqrt()).clamp(0.0, 1.0);
+            if alpha > 0.0 {
+                cover(x, y, alpha as f32);
+            }
+        }
+    }
+}
+
 /// Pixels a line of text is wide.
 pub(super) fn text_width(text: &str, scale: usize) -> i64 {
     (text.chars().count() * font::ADVANCE * scale) as i64
@@ -83,7 +110,7 @@ mod tests {
     #[test]
     fn a_line_covers_its_pixels_and_is_clipped() {
         let mut picture = Picture::new(10, 10, Background::White).unwrap();
-        picture.line([-50.0, 4.5], [50.0, 4.5], 1.0, Rgb(0, 0, 0));
+        picture.stroke(&[[[-50.0, 4.5], [50.0, 4.5]]], 1.0, Rgb(0, 0, 0));
         for x in 0..10 {
             assert_eq!(picture.pixel(x, 4), Some((Rgb(0, 0, 0), 255)));
             assert_eq!(picture.pixel(x, 6), Some((Rgb(255, 255, 255), 255)));

@@ -80,7 +80,7 @@ fn mark_of(pairs: impl ExactSizeIterator<Item = crate::grid::Pair>) -> Option<Ed
 
 /// For every vertex its edges to higher vertices, once per triangle: (higher vertex, triangle).
 struct Incidence {
-    starts: Vec<u32>,
+    starts: Vec<usize>,
     entries: Vec<(u32, u32)>,
 }
 
@@ -91,7 +91,7 @@ impl Incidence {
             [(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q)))
         };
         // Count, then allocate, then fill.
-        let mut starts = vec![0u32; mesh.positions().len() + 1];
+        let mut starts = vec![0usize; mesh.positions().len() + 1];
         for (low, _) in mesh.triangles().iter().flat_map(edges) {
             starts[low as usize + 1] += 1;
         }
@@ -103,7 +103,7 @@ impl Incidence {
         for (t, triangle) in mesh.triangles().iter().enumerate() {
             for (low, high) in edges(triangle) {
                 let slot = &mut next[low as usize];
-                entries[*slot as usize] = (high, t as u32);
+                entries[*slot] = (high, t as u32);
                 *slot += 1;
             }
         }
@@ -111,6 +111,6 @@ impl Incidence {
     }
 
     fn around(&self, low: usize) -> &[(u32, u32)] {
-        &self.entries[self.starts[low] as usize..self.starts[low + 1] as usize]
+        &self.entries[self.starts[low]..self.starts[low + 1]]
     }
 }

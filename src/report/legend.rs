@@ -3,7 +3,7 @@
 use super::colour::{INK, WHITE};
 use super::draw::text_width;
 use super::edges::EdgeMark;
-use super::render::line_colour;
+use super::shade::line_colour;
 use super::{Palette, Picture, Rgb, font};
 use crate::grid::{MaterialId, Pair};
 use crate::mesh::MeshMaterial;
@@ -23,30 +23,95 @@ pub(super) enum Entry {
     Dot,
 }
 
-/// Draws the legend into the upper left corner, on a box of dimmed white.
-pub(super) fn draw(picture: &mut Picture, materials: &[MeshMaterial], palette: &Palette, entries: &[Entry]) {
-    if entries.is_empty() {
-        return;
+/// A legend laid out, ready to be drawn.
+pub(super) struct Legend {
+    rows: Vec<Row>,
+    /// Pixels per dot of the font.
+    scale: usize,
+}
+
+struct Row {
+    /// `None` for a heading.
+    swatch: Option<(Rgb, bool)>,
+    text: String,
+}
+
+/// Dots around the legend and between swatch and text.
+const PAD: i64 = 6;
+/// Dots a swatch is wide.
+const SWATCH: i64 = 14;
+/// Dots from one row to the next.
+const PITCH: i64 = 12;
+
+impl Legend {
+    /// The legend of a picture `height` pixels high, which decides the size of its letters.
+    pub(super) fn new(
+        entries: &[Entry],
+        materials: &[MeshMaterial],
+        palette: &Palette,
+        height: usize,
+    ) -> Self {
+        let row = |&e: &Entry| Row { swatch: Some(swatch_of(e, palette)), text: label(e, materials) };
+        let scale = ((height as f64 / 500.0).round() as usize).clamp(1, 6);
+        Self { rows: entries.iter().map(row).collect(), scale }
     }
-    let scale = ((picture.height() as f64 / 500.0).round() as usize).clamp(1, 6);
-    let dot = scale as i64;
-    let rows: Vec<(Entry, String)> = entries.iter().map(|&e| (e, label(e, materials))).collect();
-    let widest = rows.iter().map(|(_, text)| text_width(text, scale)).max().unwrap_or(0);
-    let (pad, swatch, pitch) = (6 * dot, 14 * dot, 12 * dot);
-    let at = [pad, pad];
-    let size = [3 * pad + swatch + widest, pad + pitch * rows.len() as i64 + pad - 4 * dot];
-    picture.fill(at, size, WHITE, 0.82);
-    for (row, (entry, text)) in rows.iter().enumerate() {
-        let left = at[0] + pad;
-        let top = at[1] + pad + pitch * row as i64;
-        let (colour, is_line) = swatch_of(*entry, palette);
-        if is_line {
-            picture.fill([left, top + 3 * dot], [swatch, 2 * dot], colour, 1.0);
-        } else {
-            picture.fill([left, top - dot], [swatch, 9 * dot], INK, 0.6);
-            picture.fill([left + dot, top], [swatch - 2 * dot, font::HEIGHT as i64 * dot], colour, 1.0);
+
+    /// The legend with a heading above it.
+    pub(super) fn headed(mut self, text: String) -> Self {
+        self.rows.insert(0, Row { swatch: None, text });
+        self
+    }
+
+    /// Width and height in pixels.
+    pub(super) fn size(&self) -> [usize; 2] {
+        let widest = self.rows.iter().map(|row| text_width(&row.text, 1)).max().unwrap_or(0);
+        let dots = [3 * PAD + SWATCH + widest, 2 * PAD - 4 + PITCH * self.rows.len() as i64];
+        dots.map(|d| d as usize * self.scale)
+    }
+
+    /// Draws it with its upper left corner at `at`.
+    pub(super) fn draw(&self, picture: &mut Picture, at: [i64; 2]) {
+        picture.fill(at, self.size().map(|n| n as i64), WHITE, 0.82);
+        let dot = self.scale as i64;
+        for (k, row) in self.rows.iter().enumerate() {
+            let (left, top) = (at[0] + PAD * dot, at[1] + (PAD + PITCH * k as i64) * dot);
+            let text = match row.swatch {
+                None => left,
+                Some((colour, is_line)) => {
+                    let swatch = SWATCH * dot;
+                    if is_line {
+                        picture.fill([left, top + 3 * dot], [swatch, 2 * dot], colour, 1.0);
+                    } else {
+                        let inside = [swatch - 2 * dot, font::HEIGHT as i64 * dot];
+                        picture.fill([left, top - dot], [swatch, inside[1] + 2 * dot], INK, 0.6);
+                        picture.fill([left + dot, top], inside, colour, 1.0);
+                    }
+                    left + swatch + PAD * dot
+                }
+            };
+            picture.text([text, top], self.scale, &row.text, INK);
         }
-        picture.text([left + swatch + pad, top], scale, text, INK);
+    }
+
+    /// Draws it into the corner of the picture where it hides least; of equal ones the upper left.
+    pub(super) fn draw_in_emptiest_corner(&self, picture: &mut Picture) {
+        if self.rows.is_empty() {
+            return;
+        }
+        let [width, height] = self.size();
+        let right = picture.width().saturating_sub(width);
+        let bottom = picture.height().saturating_sub(height);
+        let hidden = |&[x0, y0]: &[usize; 2]| {
+            let row = |y: usize| (x0..x0 + width).map(move |x| (x, y));
+            let is_drawn = |(x, y): (usize, usize)| {
+                picture.pixel(x, y).is_some_and(|(colour, alpha)| alpha > 0 && colour != WHITE)
+            };
+            (y0..y0 + height).flat_map(row).filter(|&p| is_drawn(p)).count()
+        };
+        let corners = [[0, 0], [right, 0], [0, bottom], [right, bottom]];
+        if let Some(at) = corners.into_iter().min_by_key(hidden) {
+            self.draw(picture, at.map(|v| v as i64));
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! What happened, for people: pictures of a mesh and of a volume's slices, drawn without a GPU or
 //! a display.
 //!
-//! [`render`] draws a mesh with its own z-buffer; [`slice_picture`] draws a slice of grey values with the
+//! [`render()`] draws a mesh with its own z-buffer; [`slice_picture`] draws a slice of grey values with the
 //! mesh's outline over it. Both give a [`Picture`], which saves itself as PNG. The same input gives the same
 //! bytes whatever the number of threads.
 
@@ -15,6 +15,7 @@ mod outline;
 mod picture;
 mod raster;
 mod render;
+mod shade;
 mod slice;
 
 pub use colour::{Palette, Rgb};

@@ -20,8 +20,15 @@ pub(super) struct Outline {
     pub(super) junctions: Vec<DVec2>,
 }
 
-/// The outline in the plane `index` along `axis` of the lattice.
-pub(super) fn outline(mesh: &InterfaceMesh, geometry: &Geometry, axis: usize, index: f64) -> Outline {
+/// The outline of triangles with a pair for which `shown` says yes, in the plane `index` along `axis` of
+/// the lattice.
+pub(super) fn outline(
+    mesh: &InterfaceMesh,
+    geometry: &Geometry,
+    axis: usize,
+    index: f64,
+    shown: impl Fn(Pair) -> bool + Sync,
+) -> Outline {
     let points: Vec<DVec3> = mesh.positions().iter().map(|&p| geometry.index(p)).collect();
     let height = |v: u32| points[v as usize][axis] - index;
     // Where an edge meets the plane; the lower vertex index first, so that neighbours get equal bits.
@@ -35,7 +42,7 @@ pub(super) fn outline(mesh: &InterfaceMesh, geometry: &Geometry, axis: usize, in
         })
     };
     let mut found = Outline::default();
-    for (&[a, b, c], &pair) in mesh.triangles().iter().zip(mesh.pairs()) {
+    for (&[a, b, c], &pair) in mesh.triangles().iter().zip(mesh.pairs()).filter(|(_, pair)| shown(**pair)) {
         let mut ends = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(p, q)| crossing(p, q));
         if let (Some(p), Some(q)) = (ends.next(), ends.next()) {
             found.segments.push(([p, q], pair));
@@ -44,7 +51,7 @@ pub(super) fn outline(mesh: &InterfaceMesh, geometry: &Geometry, axis: usize, in
     if !found.segments.is_empty() {
         let touches = |t: usize| {
             let [a, b, c] = mesh.triangles()[t].map(|v| height(v) >= 0.0);
-            a != b || b != c
+            (a != b || b != c) && shown(mesh.pairs()[t])
         };
         found.junctions = marked_edges(mesh, touches)
             .into_iter()

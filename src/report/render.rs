@@ -11,10 +11,11 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::camera::{Camera, HalfSpace};
-use super::colour::{BORDER, INK, JUNCTION, OPEN, WHITE};
+use super::colour::INK;
 use super::edges::{EdgeMark, MarkedEdge, marked_edges};
-use super::legend::{self, Entry};
+use super::legend::{Entry, Legend};
 use super::raster::{self, Band, Corner, Seen};
+use super::shade::{hatched, line_colour, lit, wire};
 use super::{Background, Palette, Picture, PictureError, Rgb};
 use crate::grid::{MaterialId, Pair};
 use crate::mesh::InterfaceMesh;
@@ -121,7 +122,8 @@ pub fn render(mesh: &InterfaceMesh, options: &RenderOptions) -> Result<Picture, 
         let mut entries: Vec<Entry> = drawn.into_iter().flatten().collect();
         entries.sort_unstable();
         entries.dedup();
-        legend::draw(&mut picture, mesh.materials(), &options.palette, &entries);
+        let legend = Legend::new(&entries, mesh.materials(), &options.palette, options.height);
+        legend.draw_in_emptiest_corner(&mut picture);
     }
     Ok(picture)
 }
@@ -158,6 +160,10 @@ struct Bins {
 impl<'a> Scene<'a> {
     fn new(mesh: &'a InterfaceMesh, options: &'a RenderOptions) -> Result<Self, PictureError> {
         let triangles = mesh.triangles();
+        if triangles.len() >= raster::TRIANGLES_END as usize {
+            let (what, value) = ("the number of triangles", triangles.len() as f64);
+            return Err(PictureError::Option { what, value, needed: "below 2^32 - 512" });
+        }
         let shown = |t: usize| is_shown(mesh.pairs()[t], &options.only);
         if !(0..triangles.len()).any(shown) {
             return Err(PictureError::Nothing { triangles: triangles.len() });
@@ -168,7 +174,13 @@ impl<'a> Scene<'a> {
         let projected: Vec<DVec3> = mesh.positions().par_iter().map(|&p| camera.project(p)).collect();
         let tones = (0..triangles.len())
             .into_par_iter()
-            .map(|t| lit(options.palette.surface(mesh.pairs()[t]), mesh.corners(t), &camera))
+            .map(|t| {
+                let pair = mesh.pairs()[t];
+                let colour = options.palette.surface(pair);
+                let shade = lit(colour, mesh.corners(t), &camera);
+                // A cut face is a drawing more than a surface: it must stay light from every side.
+                if pair.front() == MaterialId::OUTSIDE { shade.mix(colour, 0.6) } else { shade }
+            })
             .collect();
         let mut lines: Vec<Line> = if options.junctions || options.open_edges {
             marked_edges(mesh, shown)
@@ -328,47 +340,22 @@ impl<'a> Scene<'a> {
         if seen >= raster::LINE {
             return mark_of(seen).map_or(INK, line_colour);
         }
+        let per_pixel = self.options.supersampling;
         if seen >= raster::CAP {
             let id = MaterialId((seen - raster::CAP) as u8);
-            return self.hatched(self.options.palette.cut_face(id), id, x, y);
+            return hatched(self.options.palette.cut_face(id), id, [x, y], per_pixel, unit(self.options));
         }
         let t = seen as usize;
         let pair = self.mesh.pairs()[t];
         let mut tone = self.tones[t];
         if pair.front() == MaterialId::OUTSIDE {
-            tone = self.hatched(tone, pair.back(), x, y);
+            tone = hatched(tone, pair.back(), [x, y], per_pixel, unit(self.options));
         }
         if self.options.wireframe {
-            tone = tone.mix(INK, self.wire(t, x, y));
+            let corners = self.corners_of(t).map(Corner::place);
+            tone = tone.mix(INK, wire(corners, [x, y], per_pixel, unit(self.options)));
         }
         tone
-    }
-
-    /// Diagonal lines over a cut face: falling for materials of even id, rising for odd ones.
-    fn hatched(&self, tone: Rgb, id: MaterialId, x: usize, y: usize) -> Rgb {
-        let pitch = (9.0 * unit(self.options)).round() as usize * self.options.supersampling;
-        let along = if id.0 % 2 == 0 { x + y } else { x + pitch * y - y };
-        if along % pitch < pitch / 7 + 1 { tone.lit(0.82, 0.0) } else { tone }
-    }
-
-    /// How much ink the wires of triangle `t` leave at a sample (0 to 1).
-    fn wire(&self, t: usize, x: usize, y: usize) -> f32 {
-        let samples = self.options.supersampling as f32;
-        let corners = self.corners_of(t).map(Corner::place);
-        let p = [x as f32 + 0.5, y as f32 + 0.5];
-        let (mut nearest, mut longest) = (f32::INFINITY, 0.0f32);
-        for k in 0..3 {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            let d = [b[0] - a[0], b[1] - a[1]];
-            let length = d[0].hypot(d[1]).max(1e-6);
-            nearest = nearest.min(((p[0] - a[0]) * d[1] - (p[1] - a[1]) * d[0]).abs() / length);
-            longest = longest.max(length);
-        }
-        // Wires of triangles of a few pixels would merge into one dark blot: fade them out.
-        let size = longest / samples;
-        let strength = 0.75 * ((size - 1.0) / 7.0).clamp(0.0, 1.0);
-        let half_width = 0.5 * samples * unit(self.options) as f32;
-        if nearest < half_width { strength } else { 0.0 }
     }
 }
 
@@ -401,32 +388,6 @@ fn mark_of(seen: Seen) -> Option<EdgeMark> {
     [EdgeMark::Border, EdgeMark::Junction, EdgeMark::Open]
         .into_iter()
         .find(|m| raster::LINE + *m as u32 == seen)
-}
-
-/// Colour of a line.
-pub(super) fn line_colour(mark: EdgeMark) -> Rgb {
-    match mark {
-        EdgeMark::Border => BORDER,
-        EdgeMark::Junction => JUNCTION,
-        EdgeMark::Open => OPEN,
-    }
-}
-
-/// A triangle's colour in the light, which is fixed to the camera: a key light from the upper left, a weak
-/// one from the right, and ambient light from above. A surface seen from its back is darker.
-fn lit(colour: Rgb, [a, b, c]: [DVec3; 3], camera: &Camera) -> Rgb {
-    let normal = camera.turn((b - a).cross(c - a).normalize_or_zero());
-    let (normal, inside) = if normal.z < 0.0 { (-normal, 0.78) } else { (normal, 1.0) };
-    let key = DVec3::new(-0.45, 0.55, 0.70).normalize();
-    let fill = DVec3::new(0.80, 0.10, 0.55).normalize();
-    let ambient = 0.40 + 0.06 * normal.y;
-    let light = ambient + 0.62 * normal.dot(key).max(0.0) + 0.16 * normal.dot(fill).max(0.0);
-    let half = (key + DVec3::Z).normalize();
-    let gloss = 0.14 * normal.dot(half).max(0.0).powi(28);
-    // powi and the square root are the only functions here: the same on every machine.
-    let shaded = colour.lit((light * inside) as f32, (gloss * inside) as f32);
-    // A hint of haze keeps the darkest sides apart from the ink of lines.
-    shaded.mix(WHITE, 0.03)
 }
 
 #[cfg(test)]

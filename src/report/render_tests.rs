@@ -3,6 +3,7 @@
 use super::*;
 use crate::grid::VertexKind;
 use crate::mesh::MeshMaterial;
+use crate::report::colour::{JUNCTION, OPEN, WHITE};
 
 /// The interfaces of a block of unit cubes of materials, `label(x, y, z)` for x, y, z in
 /// `0..size`, air around it.
@@ -194,7 +195,7 @@ fn one_thread_and_four_give_the_same_bytes() {
 #[test]
 fn options_out_of_range_and_empty_choices_are_refused() {
     let error = |options: RenderOptions| render(&two(), &options).unwrap_err();
-    assert!(matches!(error(front(&[77])), PictureError::Nothing { triangles: 40 }));
+    assert!(matches!(error(front(&[77])), PictureError::Nothing { triangles: 56 }));
     let bad = RenderOptions { azimuth: f64::NAN, ..front(&[]) };
     assert!(matches!(error(bad), PictureError::Option { .. }));
     let bad = RenderOptions { supersampling: 0, ..front(&[]) };

@@ -1,15 +1,16 @@
 //! A slice of a volume with a mesh's outline over it.
 
+use std::collections::BTreeMap;
+
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 use super::colour::INK;
-use super::draw::text_width;
-use super::legend::{self, Entry};
+use super::legend::{Entry, Legend};
 use super::outline::outline;
-use super::{Background, Palette, Picture, PictureError, Rgb, font};
+use super::{Background, Palette, Picture, PictureError, Rgb};
 use crate::grid::cube::other_axes;
-use crate::grid::{MaterialId, VoxelBox};
+use crate::grid::{MaterialId, Pair, VoxelBox};
 use crate::mesh::InterfaceMesh;
 use crate::volume::VolumeSource;
 
@@ -36,7 +37,7 @@ pub struct SliceOptions {
     pub only: Vec<MaterialId>,
     /// Draw a dot where three or more materials meet. Default `true`.
     pub junctions: bool,
-    /// Say what the colours are. Default `true`.
+    /// Say below the slice which one it is and what the colours are. Default `true`.
     pub legend: bool,
     /// The colours.
     pub palette: Palette,
@@ -80,10 +81,17 @@ pub fn slice_picture(
             picture.rgba_mut()[i..i + 3].fill(value);
         }
     }
-    if let Some(mesh) = mesh {
-        draw_outline(&mut picture, volume, mesh, &frame, options);
+    let entries = match mesh {
+        Some(mesh) => draw_outline(&mut picture, volume, mesh, &frame, options),
+        None => Vec::new(),
+    };
+    if !options.legend {
+        return Ok(picture);
     }
-    Ok(picture)
+    let materials = mesh.map_or(&[][..], InterfaceMesh::materials);
+    let heading = format!("slice {} = {}", ['x', 'y', 'z'][options.axis], options.index);
+    let legend = Legend::new(&entries, materials, &options.palette, picture.height()).headed(heading);
+    with_legend(&picture, &legend)
 }
 
 /// Which voxels are shown, and where.
@@ -166,50 +174,53 @@ fn grey_values(
     Ok(values.iter().map(|v| ((v - black) * scale + 0.5) as u8).collect())
 }
 
-/// Draws the outline and what it means.
+/// Draws the outline; returns what there is to see.
 fn draw_outline(
     picture: &mut Picture,
     volume: &dyn VolumeSource,
     mesh: &InterfaceMesh,
     frame: &Frame,
     options: &SliceOptions,
-) {
-    let found = outline(mesh, volume.geometry(), options.axis, options.index as f64);
+) -> Vec<Entry> {
+    let shown = |pair: Pair| options.only.is_empty() || options.only.iter().any(|&id| pair.contains(id));
+    let found = outline(mesh, volume.geometry(), options.axis, options.index as f64, shown);
+    // What the crop leaves out must not stand in the legend.
+    let size = frame.pixels.map(|n| n as f64);
+    let misses = |a: [f64; 2], b: [f64; 2]| (0..2).any(|k| a[k].max(b[k]) < 0.0 || a[k].min(b[k]) > size[k]);
     let width = (options.zoom as f64 / 5.0).clamp(1.0, 3.0);
-    let mut entries = Vec::new();
-    for (ends, pair) in &found.segments {
-        if !options.only.is_empty() && !options.only.iter().any(|&id| pair.contains(id)) {
-            continue;
-        }
+    let mut strokes: BTreeMap<Pair, Vec<[[f64; 2]; 2]>> = BTreeMap::new();
+    for (ends, pair) in found.segments {
         let [a, b] = ends.map(|p| frame.place(p));
-        picture.line(a, b, width, options.palette.outline(*pair));
-        if !entries.contains(&Entry::Outline(*pair)) {
-            entries.push(Entry::Outline(*pair));
+        if !misses(a, b) {
+            strokes.entry(pair).or_default().push([a, b]);
         }
     }
-    if options.junctions && !found.junctions.is_empty() {
-        for &p in &found.junctions {
-            let at = frame.place(p);
-            picture.disc(at, 1.6 * width + 1.0, INK);
-            picture.disc(at, 1.6 * width, DOT);
+    for (&pair, lines) in &strokes {
+        picture.stroke(lines, width, options.palette.outline(pair));
+    }
+    let mut entries: Vec<Entry> = strokes.into_keys().map(Entry::Outline).collect();
+    let dots = found.junctions.into_iter().map(|p| frame.place(p)).filter(|&p| !misses(p, p));
+    for at in dots.filter(|_| options.junctions) {
+        picture.disc(at, 1.6 * width + 1.0, INK);
+        picture.disc(at, 1.6 * width, DOT);
+        if entries.last() != Some(&Entry::Dot) {
+            entries.push(Entry::Dot);
         }
-        entries.push(Entry::Dot);
     }
-    entries.sort_unstable();
-    if options.legend {
-        legend::draw(picture, mesh.materials(), &options.palette, &entries);
-        name_slice(picture, options);
-    }
+    entries
 }
 
-/// Writes which slice it is into the lower left corner.
-fn name_slice(picture: &mut Picture, options: &SliceOptions) {
-    let text = format!("{} = {}", ['x', 'y', 'z'][options.axis], options.index);
-    let (height, width) = (font::HEIGHT as i64, text_width(&text, 1));
-    let scale = ((picture.height() as f64 / 500.0).round() as i64).clamp(1, 6);
-    let at = [6 * scale, picture.height() as i64 - (height + 12) * scale];
-    picture.fill(at, [(width + 7) * scale, (height + 6) * scale], Rgb(255, 255, 255), 0.82);
-    picture.text([at[0] + 4 * scale, at[1] + 3 * scale], scale as usize, &text, INK);
+/// The picture with a strip below it that says which slice it is and what the colours are: over the
+/// slice it would hide data.
+fn with_legend(picture: &Picture, legend: &Legend) -> Result<Picture, PictureError> {
+    let [width, height] = legend.size();
+    let mut whole = Picture::new(picture.width().max(width), picture.height() + height, Background::White)?;
+    let (from, to) = (4 * picture.width(), 4 * whole.width());
+    for (row, pixels) in whole.rgba_mut().chunks_exact_mut(to).zip(picture.rgba().chunks_exact(from)) {
+        row[..from].copy_from_slice(pixels);
+    }
+    legend.draw(&mut whole, [0, picture.height() as i64]);
+    Ok(whole)
 }
 
 #[cfg(test)]

@@ -62,6 +62,24 @@ fn the_outline_hits_its_pixels_with_the_colours_of_its_pairs() {
 }
 
 #[test]
+fn the_legend_stands_below_the_slice() {
+    let mesh = blocks(2, |x, _, _| 1 + x as u8);
+    let bare = slice_picture(&volume(), Some(&mesh), &options()).unwrap();
+    let whole = slice_picture(&volume(), Some(&mesh), &SliceOptions { legend: true, ..options() }).unwrap();
+    assert!(whole.height() > bare.height() && whole.width() >= bare.width());
+    for y in 0..bare.height() {
+        for x in 0..bare.width() {
+            assert_eq!(whole.pixel(x, y), bare.pixel(x, y));
+        }
+    }
+    let contact = Palette::default().outline(Pair::new(MaterialId(2), MaterialId(1)).unwrap());
+    let below = &whole.rgba()[4 * whole.width() * bare.height()..];
+    for colour in [contact, DOT] {
+        assert!(below.chunks_exact(4).any(|p| [p[0], p[1], p[2]] == [colour.0, colour.1, colour.2]));
+    }
+}
+
+#[test]
 fn slices_and_crops_that_do_not_exist_are_refused() {
     let error = |options: SliceOptions| slice_picture(&volume(), None, &options).unwrap_err();
     let bad = SliceOptions { index: 5, ..options() };
