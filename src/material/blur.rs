@@ -3,8 +3,10 @@
 //! A point-spread function close to a Gaussian turns an interface into an error function
 //! (Fujimori and Suzuki §3, figure 1). Profiles are taken along the lattice axes where the grey
 //! gradient is nearly parallel to the axis and both ends lie on a material's plateau; each is
-//! normalised to 0..1, placed by its own crossing of one half, and shortened by the cosine of its
-//! angle. The medians of all profiles, binned by distance, are fitted by one error function.
+//! normalised to 0..1, placed by its own crossing of one half, shortened by the cosine of its
+//! angle, and fitted by an error function. The median of all sigmas is taken: a minority of
+//! profiles of another kind (slices of padding that cut the part off sharply, streaks) cannot move
+//! it far, as they would a fit to all profiles together.
 //!
 //! The sigma found includes the averaging over a voxel. The radius of the "estimated spherical
 //! Gaussian kernel" is taken as R = 2.5 sigma: the ball then holds 90 % of the kernel, and just
@@ -33,9 +35,8 @@ const MIN_COSINE: f64 = 0.9;
 const PLATEAU: f64 = 0.12;
 /// Fewest profiles to trust.
 const MIN_PROFILES: usize = 200;
-/// Bins of distance: width and number on each side, in voxels of mean edge length.
-const BIN: f64 = 0.125;
-const SIDE_BINS: usize = 32;
+/// Distances (mm, along the normal) and normalised grey values along a profile.
+type Profile = [(f64, f64); 2 * REACH + 1];
 
 /// The blur found.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -61,23 +62,21 @@ pub fn estimate_blur<S: Sample>(samples: &[S], geometry: &Geometry, materials: &
     let spacing = geometry.spacing();
     let edge = geometry.voxel_edge();
     let grid = interior_grid(size, 4_000_000);
-    let points: Vec<(f32, f32)> = grid
+    let mut sigmas: Vec<f64> = grid
         .par_iter()
         .flat_map_iter(|&voxel| {
             (0..3).filter_map(move |axis| profile(samples, size, spacing, materials, voxel, axis))
         })
-        .flatten_iter()
-        .map(|(mm, u)| ((mm / edge) as f32, u as f32))
+        .map(|profile| fit_sigma(&profile) / edge)
         .collect();
-    let profiles = points.len() / (2 * REACH + 1);
-    let sigma = (profiles >= MIN_PROFILES).then(|| fit_sigma(&points));
+    let (profiles, middle) = (sigmas.len(), sigmas.len() / 2);
+    let sigma = (profiles >= MIN_PROFILES).then(|| *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
     // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
     let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
     Blur { sigma_mm: sigma.map(|s| s * edge), profiles, radius: radius_per_axis(radius, geometry) }
 }
 
-/// Distances (mm, along the normal) and normalised grey values of the profile through `voxel`
-/// along `axis`, if the voxel is the last one before a clean crossing.
+/// The profile through `voxel` along `axis`, if the voxel is the last one before a clean crossing.
 fn profile<S: Sample>(
     samples: &[S],
     size: [usize; 3],
@@ -85,7 +84,7 @@ fn profile<S: Sample>(
     materials: &MaterialTable,
     voxel: [usize; 3],
     axis: usize,
-) -> Option<[(f64, f64); 2 * REACH + 1]> {
+) -> Option<Profile> {
     if voxel[axis] < REACH || voxel[axis] + REACH + 1 >= size[axis] {
         return None;
     }
@@ -131,31 +130,15 @@ fn profile<S: Sample>(
     }))
 }
 
-/// The sigma of the error function that fits the median profile best.
-fn fit_sigma(points: &[(f32, f32)]) -> f64 {
-    let mut bins: Vec<Vec<f32>> = vec![Vec::new(); 2 * SIDE_BINS];
-    for &(d, u) in points {
-        let bin = (f64::from(d) / BIN).floor() + SIDE_BINS as f64;
-        if bin >= 0.0 && (bin as usize) < bins.len() {
-            bins[bin as usize].push(u);
-        }
-    }
-    let medians: Vec<(f64, f64, f64)> = bins
-        .iter_mut()
-        .enumerate()
-        .filter(|(_, b)| b.len() >= 8)
-        .map(|(i, b)| {
-            let middle = b.len() / 2;
-            let median = *b.select_nth_unstable_by(middle, f32::total_cmp).1;
-            ((i as f64 + 0.5 - SIDE_BINS as f64) * BIN, f64::from(median), (b.len() as f64).sqrt())
-        })
-        .collect();
+/// The sigma of the error function that fits a profile best.
+fn fit_sigma(profile: &Profile) -> f64 {
     let misfit =
-        |sigma: f64| medians.iter().map(|&(d, u, w)| w * (u - normal_cdf(d / sigma)).powi(2)).sum::<f64>();
+        |sigma: f64| profile.iter().map(|&(mm, u)| (u - normal_cdf(mm / sigma)).powi(2)).sum::<f64>();
     // Golden-section search; the misfit has one minimum in sigma.
     let ratio = 0.5 * (5f64.sqrt() - 1.0);
-    let (mut low, mut high) = (0.1, 4.0);
-    while high - low > 1e-4 {
+    let length = profile[REACH + 1].0 - profile[REACH].0;
+    let (mut low, mut high) = (0.05 * length, 4.0 * length);
+    while high - low > 1e-3 * length {
         let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
         if misfit(a) < misfit(b) { high = b } else { low = a }
     }

@@ -108,6 +108,15 @@ struct Class {
     squares: f64,
 }
 
+impl Class {
+    /// Noise sigma of the inside voxels, and their number.
+    fn statistics(&self) -> (Option<f64>, Option<u64>) {
+        let n = self.inside.max(1.0);
+        let variance = (self.squares / n - (self.sum / n).powi(2)).max(0.0);
+        ((self.inside > 1.0).then(|| variance.sqrt()), Some(self.inside as u64))
+    }
+}
+
 /// Finds the materials of a volume (x fastest); `count` asks for a number of them.
 ///
 /// # Errors
@@ -167,15 +176,19 @@ pub fn find_materials<S: Sample>(
         return Err(FindError::One { mean: classes.first().map_or(plain.low, mean) });
     }
     let names = (0..classes.len()).map(default_name);
-    let statistics: Vec<_> = classes
-        .iter()
-        .map(|c| {
-            let variance = (c.squares / c.inside.max(1.0) - (c.sum / c.inside.max(1.0)).powi(2)).max(0.0);
-            ((c.inside > 1.0).then(|| variance.sqrt()), Some(c.inside as u64))
-        })
-        .collect();
+    let statistics: Vec<_> = classes.iter().map(Class::statistics).collect();
     let table = MaterialTable::new(names.zip(classes.iter().map(mean)))?.with_statistics(&statistics);
     Ok(Found { table, rejected })
+}
+
+/// The table with noise sigma and number of inside voxels measured in a volume (x fastest) for
+/// materials whose mean grey values were given. Unchanged where the volume is too small for it.
+#[must_use]
+pub fn measure_statistics<S: Sample>(samples: &[S], size: [usize; 3], table: MaterialTable) -> MaterialTable {
+    let grid = interior_grid(size, SAMPLES);
+    let greys: Vec<f64> = table.materials().iter().map(|m| m.mean).collect();
+    let statistics: Vec<_> = measure(samples, size, &grid, &greys).iter().map(Class::statistics).collect();
+    table.with_statistics(&statistics)
 }
 
 /// The name of material `id` when nobody gave one.

@@ -4,6 +4,7 @@ pub mod check;
 mod edge_table;
 #[cfg(test)]
 pub(crate) mod fixtures;
+mod from_patch;
 mod interface_mesh;
 mod vertex_table;
 

@@ -1,0 +1,39 @@
+//! From contouring's lattice units to a mesh in the world.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::interface_mesh::{InterfaceMesh, MeshError, MeshMaterial};
+use crate::contour::Patch;
+use crate::grid::Geometry;
+use crate::material::MaterialTable;
+
+impl MeshMaterial {
+    /// What a mesh keeps of a table of materials.
+    #[must_use]
+    pub fn from_table(table: &MaterialTable) -> Vec<Self> {
+        table.materials().iter().map(|m| Self { id: m.id, name: m.name.clone(), mean: m.mean }).collect()
+    }
+}
+
+impl InterfaceMesh {
+    /// The mesh of a patch whose lattice lies in the world as `geometry` says. On a mirrored
+    /// lattice (direction with a negative determinant) triangles are turned over, so that normals
+    /// point from back to front in the world.
+    ///
+    /// # Errors
+    /// As [`InterfaceMesh::new`]; a patch made by contouring gives none.
+    pub fn from_patch(
+        patch: Patch,
+        geometry: &Geometry,
+        materials: Vec<MeshMaterial>,
+    ) -> Result<Self, MeshError> {
+        let Patch { positions, kinds, mut triangles, pairs } = patch;
+        let positions: Vec<DVec3> =
+            positions.par_iter().map(|p| geometry.world(DVec3::from(p.map(f64::from)))).collect();
+        if geometry.is_mirrored() {
+            triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        Self::new(positions, kinds, triangles, pairs, materials)
+    }
+}
