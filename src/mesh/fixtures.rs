@@ -58,7 +58,8 @@ pub(crate) fn voxel_faces(dims: [usize; 3], labels: &[u8], around: u8) -> Interf
                     high[axis] += 1;
                     let (a, b) = (label(low), label(high));
                     let Some(p) = Pair::new(MaterialId(a), MaterialId(b)) else { continue };
-                    if !p.contains(MaterialId(1)) && !p.contains(MaterialId(2)) && !p.contains(MaterialId(3)) {
+                    if !p.contains(MaterialId(1)) && !p.contains(MaterialId(2)) && !p.contains(MaterialId(3))
+                    {
                         continue;
                     }
                     // Counter-clockwise seen from higher coordinates along the axis.

@@ -184,7 +184,12 @@ impl Part<'_> {
     }
 }
 
-fn defect(mesh: &InterfaceMesh, ends: [u32; 2], uses: &[EdgeUse], material: Option<MaterialId>) -> EdgeDefect {
+fn defect(
+    mesh: &InterfaceMesh,
+    ends: [u32; 2],
+    uses: &[EdgeUse],
+    material: Option<MaterialId>,
+) -> EdgeDefect {
     let triangles = uses.iter().map(|u| u.triangle() as u32);
     let mut triangles: Vec<u32> = triangles.take(EdgeDefect::MAX_TRIANGLES).collect();
     triangles.sort_unstable();

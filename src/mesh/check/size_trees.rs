@@ -66,13 +66,8 @@ impl<'a> SizeTrees<'a> {
     ) -> Self {
         let (low, high) = positions
             .par_chunks(1 << 14)
-            .map(|c| {
-                c.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)))
-            })
-            .reduce(
-                || (DVec3::INFINITY, DVec3::NEG_INFINITY),
-                |a, b| (a.0.min(b.0), a.1.max(b.1)),
-            );
+            .map(|c| c.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p))))
+            .reduce(|| (DVec3::INFINITY, DVec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
         let centre = if positions.is_empty() { DVec3::ZERO } else { low * 0.5 + high * 0.5 };
         let mut this = Self { positions, triangles, centre, trees: Vec::new() };
         // Class by exponent of the longest side, in steps of three (a factor of eight).
@@ -157,13 +152,7 @@ impl<'a> SizeTrees<'a> {
 
 impl Tree {
     /// Calls `found` for the triangles from rank `first` on whose boxes overlap `query`.
-    fn visit(
-        &self,
-        query: &Aabb,
-        first: usize,
-        admit: impl Fn(&Aabb) -> bool,
-        mut found: impl FnMut(u32),
-    ) {
+    fn visit(&self, query: &Aabb, first: usize, admit: impl Fn(&Aabb) -> bool, mut found: impl FnMut(u32)) {
         // A node at depth d of a tree of 2^h leaves spans ranks; subtrees wholly before `first`
         // are skipped, which makes each pair of a class come up once.
         let mut stack = [0usize; 64];

@@ -137,8 +137,7 @@ fn segments_meet_flat(p: DVec3, q: DVec3, a: DVec3, b: DVec3, plane: Plane) -> b
     if [pa, pb, ap, aq].iter().all(|&s| s == Ordering::Equal) {
         // On one line: they meet if their extents overlap on both axes.
         let (p, q, a, b) = (plane.flat(p), plane.flat(q), plane.flat(a), plane.flat(b));
-        let overlap =
-            |p: f64, q: f64, a: f64, b: f64| p.max(q) >= a.min(b) && a.max(b) >= p.min(q);
+        let overlap = |p: f64, q: f64, a: f64, b: f64| p.max(q) >= a.min(b) && a.max(b) >= p.min(q);
         return overlap(p.x, q.x, a.x, b.x) && overlap(p.y, q.y, a.y, b.y);
     }
     // Zero counts as both sides: an end on the other segment's line.
@@ -189,9 +188,7 @@ mod tests {
     }
 
     fn triangle() -> impl Strategy<Value = Corners> {
-        [corner(), corner(), corner()]
-            .prop_map(t)
-            .prop_filter("has an area", |t| !is_degenerate(t))
+        [corner(), corner(), corner()].prop_map(t).prop_filter("has an area", |t| !is_degenerate(t))
     }
 
     /// Separating axes in exact integers: an independent truth for small coordinates.
