@@ -6,7 +6,7 @@
 //! is one step; between its two renames the old one exists under a hidden name.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, TempDir};
@@ -143,6 +143,8 @@ fn check_replaceable(target: &Path) -> Result<(), ExportError> {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
 
     fn entries(folder: &Path) -> Vec<String> {
