@@ -218,3 +218,60 @@ fn a_cancelled_check_stops() {
     execution.cancel_flag().store(true, std::sync::atomic::Ordering::Relaxed);
     assert_eq!(check(&two_cubes(), &CheckOptions::default(), &execution), Err(Cancelled));
 }
+
+/// Run with `cargo test --release --lib speed -- --ignored --nocapture`.
+#[test]
+#[ignore = "takes a while; prints times"]
+fn speed_on_a_million_triangles() {
+    use std::time::Instant;
+    let n = 328usize;
+    let at = |i: usize| [i % n, i / n % n, i / n / n].map(|c| c as f64 + 0.5 - n as f64 / 2.0);
+    let labels: Vec<u8> =
+        (0..n * n * n).map(|i| u8::from(DVec3::from_array(at(i)).length() < n as f64 / 2.0 - 1.0)).collect();
+    let steps = voxel_faces([n; 3], &labels, 0);
+    let (p, t, pairs) = parts(&steps);
+    let middle = DVec3::splat(n as f64 / 2.0);
+    let p = p.iter().map(|&p| middle + (p - middle).normalize() * 160.0).collect();
+    let smooth = mesh(p, t, pairs);
+    for (name, m) in [("steps", &steps), ("smooth", &smooth)] {
+        let start = Instant::now();
+        let table = EdgeTable::new(m.positions().len(), m.triangles());
+        println!("{name}: {} triangles, edge table {:?}", m.triangles().len(), start.elapsed());
+        drop(table);
+        for self_intersections in [false, true] {
+            let start = Instant::now();
+            let options = CheckOptions { self_intersections, ..CheckOptions::default() };
+            let d = check(m, &options, &Execution::default()).unwrap();
+            println!(
+                "  self-intersections {self_intersections}: {:?}, {} defects",
+                start.elapsed(),
+                d.total()
+            );
+        }
+        let start = Instant::now();
+        let measures = crate::mesh::measure(m);
+        println!("  measure {:?} {:?}", start.elapsed(), measures.shells[0].volume);
+        let start = Instant::now();
+        let j = crate::mesh::junctions(m);
+        println!("  junctions {:?} {}", start.elapsed(), j.edges);
+        let start = Instant::now();
+        let q = crate::mesh::quality(m);
+        println!("  quality {:?} {:?}", start.elapsed(), q.minimum);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.ply");
+        let start = Instant::now();
+        crate::export::write_ply(&path, m, &crate::export::PlyOptions::new(1.0)).unwrap();
+        println!("  write PLY {:?}", start.elapsed());
+        let start = Instant::now();
+        let back = crate::export::read_mesh(&path, &crate::export::ReadOptions::default()).unwrap();
+        println!("  read PLY {:?}", start.elapsed());
+        assert_eq!(back.triangles(), m.triangles());
+        let path = folder.path().join("m.stl");
+        let start = Instant::now();
+        crate::export::write_stl(&path, &crate::mesh::split(m, MaterialId(1)), "x").unwrap();
+        println!("  split and write STL {:?}", start.elapsed());
+        let start = Instant::now();
+        crate::export::read_mesh(&path, &crate::export::ReadOptions::default()).unwrap();
+        println!("  read STL {:?}", start.elapsed());
+    }
+}

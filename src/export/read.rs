@@ -1,0 +1,186 @@
+//! Reads a mesh file, whatever its format: by its first bytes, then by its name.
+
+use std::fs::File;
+use std::io::{Read, Seek};
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::{ExportError, ply_read, stl_read};
+use crate::grid::{MaterialId, Pair, VertexKind};
+use crate::mesh::{InterfaceMesh, MeshMaterial, kinds_from_labels};
+
+/// Options of [`read_mesh`]: what other tools call things in a PLY file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// The face property with the label behind a triangle.
+    pub back: String,
+    /// The face property with the label in front of a triangle, where its normal points.
+    pub front: String,
+    /// The vertex property with the kind's code.
+    pub kind: String,
+    /// The names that the list of a face's vertices may have.
+    pub vertex_indices: Vec<String>,
+}
+
+impl Default for ReadOptions {
+    /// The names we write: `material_back`, `material_front`, `kind`; `vertex_indices` or `vertex_index`.
+    fn default() -> Self {
+        Self {
+            back: "material_back".to_owned(),
+            front: "material_front".to_owned(),
+            kind: "kind".to_owned(),
+            vertex_indices: vec!["vertex_indices".to_owned(), "vertex_index".to_owned()],
+        }
+    }
+}
+
+/// Reads a PLY or STL file.
+///
+/// A file without labels is read as one material, 1, in air. Labels that are not in our order (the
+/// denser material behind) are swapped and their triangles flipped; the label -1 is `OUTSIDE` as
+/// 255 is. Kinds that are missing or unknown are worked out from the labels round each vertex.
+/// The corners of an STL's triangles are one vertex where their coordinates are equal bit for bit.
+///
+/// # Errors
+/// [`ExportError`] naming the file, what is wrong with it and where.
+pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<InterfaceMesh, ExportError> {
+    let failed = |source| ExportError::Read { path: path.to_owned(), source };
+    let unknown = |what: &str| ExportError::UnknownFormat { path: path.to_owned(), what: what.to_owned() };
+    let mut file = File::open(path).map_err(failed)?;
+    let about = file.metadata().map_err(failed)?;
+    if !about.is_file() {
+        return Err(unknown("it is not a regular file"));
+    }
+    let mut head = Vec::new();
+    file.by_ref().take(512).read_to_end(&mut head).map_err(failed)?;
+    file.rewind().map_err(failed)?;
+    let named = |ending: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+    let raw = if head.is_empty() {
+        return Err(unknown("the file is empty"));
+    } else if head.starts_with(b"ply\n") || head.starts_with(b"ply\r") {
+        ply_read::read(path, file, about.len(), options)?
+    } else if stl_read::looks_right(&head, about.len()) || named("stl") {
+        stl_read::read(path, file, about.len())?
+    } else if named("ply") {
+        return Err(ExportError::malformed(path, "PLY", "it does not start with the line 'ply'"));
+    } else {
+        return Err(unknown("it starts neither like a PLY nor like an STL file"));
+    };
+    raw.into_mesh(path)
+}
+
+/// What a reader gathers.
+#[derive(Default)]
+pub(super) struct Raw {
+    pub(super) positions: Vec<DVec3>,
+    /// One per vertex, or empty if the file has none.
+    pub(super) kinds: Vec<Option<VertexKind>>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) labels: Labels,
+    /// Id, name, mean.
+    pub(super) materials: Vec<(u8, String, f64)>,
+}
+
+/// The labels of a file's triangles.
+#[derive(Default)]
+pub(super) enum Labels {
+    /// There are none.
+    #[default]
+    None,
+    /// One pair for each triangle.
+    Given(Vec<Pair>),
+}
+
+impl Raw {
+    /// Adds a polygon as a fan of triangles.
+    pub(super) fn add_polygon(&mut self, corners: &[u32], back: f64, front: f64) -> Result<(), String> {
+        if corners.len() < 3 {
+            return Err(format!("a face with {} vertices", corners.len()));
+        }
+        let mut flip = false;
+        if let Labels::Given(pairs) = &mut self.labels {
+            let (back, front) = (label(back)?, label(front)?);
+            let pair = Pair::new(back, front)
+                .ok_or_else(|| format!("the same material, {}, on both sides", back.0))?;
+            flip = pair.back() != back;
+            pairs.extend(std::iter::repeat_n(pair, corners.len() - 2));
+        }
+        for two in corners[1..].windows(2) {
+            self.triangles.push(if flip {
+                [corners[0], two[1], two[0]]
+            } else {
+                [corners[0], two[0], two[1]]
+            });
+        }
+        Ok(())
+    }
+
+    fn into_mesh(self, path: &Path) -> Result<InterfaceMesh, ExportError> {
+        let pairs = match self.labels {
+            Labels::Given(pairs) => pairs,
+            Labels::None => {
+                // Ids 1 and 0 always differ, so there is always a pair.
+                let pair = Pair::new(MaterialId(1), MaterialId::BACKGROUND);
+                pair.into_iter().cycle().take(self.triangles.len()).collect()
+            }
+        };
+        let mut materials = self.materials;
+        let mut known = [false; 256];
+        materials.retain(|m| !std::mem::replace(&mut known[usize::from(m.0)], true));
+        for id in pairs.iter().flat_map(|p| [p.back(), p.front()]) {
+            if id != MaterialId::OUTSIDE && !std::mem::replace(&mut known[usize::from(id.0)], true) {
+                let name = if id == MaterialId::BACKGROUND {
+                    "air".to_owned()
+                } else {
+                    format!("material {}", id.0)
+                };
+                materials.push((id.0, name, f64::NAN));
+            }
+        }
+        materials.sort_by_key(|m| m.0);
+        let materials = materials
+            .into_iter()
+            .map(|(id, name, mean)| MeshMaterial { id: MaterialId(id), name, mean })
+            .collect();
+        // A bad index must be refused before kinds are looked up by it.
+        let n = self.positions.len();
+        if let Some(t) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
+            let vertex = self.triangles[t].into_iter().find(|&v| v as usize >= n).unwrap_or(0);
+            let source = crate::mesh::MeshError::Index { triangle: t, vertex, vertices: n };
+            return Err(ExportError::Mesh { path: path.to_owned(), source });
+        }
+        let kinds = if self.kinds.iter().all(Option::is_some) && self.kinds.len() == n {
+            self.kinds.into_iter().flatten().collect()
+        } else {
+            let mut kinds = kinds_from_labels(n, &self.triangles, &pairs);
+            for (kind, given) in kinds.iter_mut().zip(self.kinds) {
+                *kind = given.unwrap_or(*kind);
+            }
+            kinds
+        };
+        InterfaceMesh::new(self.positions, kinds, self.triangles, pairs, materials)
+            .map_err(|source| ExportError::Mesh { path: path.to_owned(), source })
+    }
+}
+
+#[allow(clippy::float_cmp)] // a label is a whole number or it is none
+fn label(value: f64) -> Result<MaterialId, String> {
+    match value {
+        v if v == -1.0 || v == 255.0 => Ok(MaterialId::OUTSIDE),
+        v if v.fract() == 0.0 && (0.0..MaterialId::MAX_COUNT as f64).contains(&v) => Ok(MaterialId(v as u8)),
+        v => Err(format!(
+            "the label {v}; labels are 0 to {}, and 255 or -1 for outside",
+            MaterialId::MAX_COUNT - 1
+        )),
+    }
+}
+
+/// A library's message in one line of bounded length: files may put anything into it.
+pub(super) fn bounded(text: &str) -> String {
+    const MOST: usize = 300;
+    let words: Vec<_> =
+        text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|w| !w.is_empty()).collect();
+    let line = words.join(" ");
+    if line.chars().count() <= MOST { line } else { line.chars().take(MOST).chain("...".chars()).collect() }
+}

@@ -1,0 +1,125 @@
+//! How well shaped the triangles are.
+//!
+//! Method: q = 4 sqrt(3) S / (l1^2 + l2^2 + l3^2) of 000_f7f54f44c17ac186, eq. 14: 1 for an
+//! equilateral triangle, 0 for one without area.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::InterfaceMesh;
+
+/// Bins of [`Quality::histogram`].
+pub const BINS: usize = 20;
+/// The quality that the paper's table 2 counts triangles above.
+pub const GOOD: f64 = 0.3;
+
+/// The shapes of a mesh's triangles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// The lowest q; `None` without triangles.
+    pub minimum: Option<f64>,
+    /// The mean q; `None` without triangles.
+    pub mean: Option<f64>,
+    /// Triangles with q above 0.3, in %; `None` without triangles.
+    pub above_0_3_percent: Option<f64>,
+    /// Triangles by q in [`BINS`] bins of equal width from 0 to 1; 1 itself is in the last one.
+    pub histogram: Vec<u64>,
+    /// The smallest angle in any triangle, degrees; `None` without triangles.
+    pub smallest_angle: Option<f64>,
+}
+
+/// The quality q of a triangle: 0 (no area) to 1 (equilateral); a single point counts as 0.
+#[must_use]
+pub fn triangle_quality([a, b, c]: [DVec3; 3]) -> f64 {
+    let (s, t, u) = (b - a, c - b, a - c);
+    let squares = s.length_squared() + t.length_squared() + u.length_squared();
+    if squares > 0.0 {
+        // 4 sqrt(3) S with S = |cross| / 2; rounding must not lift it over 1.
+        (2.0 * 3f64.sqrt() * s.cross(t).length() / squares).min(1.0)
+    } else {
+        0.0
+    }
+}
+
+/// The smallest angle of a triangle, degrees; 0 without area.
+fn smallest_angle([a, b, c]: [DVec3; 3]) -> f64 {
+    let at = |p: DVec3, q: DVec3, r: DVec3| {
+        let (s, t) = (q - p, r - p);
+        s.cross(t).length().atan2(s.dot(t))
+    };
+    at(a, b, c).min(at(b, c, a)).min(at(c, a, b)).to_degrees()
+}
+
+/// Measures the shapes of all triangles.
+#[must_use]
+pub fn quality(mesh: &InterfaceMesh) -> Quality {
+    const CHUNK: usize = 1 << 14;
+    #[derive(Clone)]
+    struct Part {
+        lowest: f64,
+        sum: f64,
+        good: u64,
+        bins: [u64; BINS],
+        angle: f64,
+    }
+    let n = mesh.triangles().len();
+    let parts: Vec<Part> = (0..n.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut part =
+                Part { lowest: f64::INFINITY, sum: 0.0, good: 0, bins: [0; BINS], angle: f64::INFINITY };
+            for t in chunk * CHUNK..((chunk + 1) * CHUNK).min(n) {
+                let corners = mesh.corners(t);
+                let q = triangle_quality(corners);
+                part.lowest = part.lowest.min(q);
+                part.sum += q;
+                part.good += u64::from(q > GOOD);
+                part.bins[((q * BINS as f64) as usize).min(BINS - 1)] += 1;
+                part.angle = part.angle.min(smallest_angle(corners));
+            }
+            part
+        })
+        .collect();
+    let some = |value: f64| (n > 0).then_some(value);
+    let mut histogram = vec![0; BINS];
+    for part in &parts {
+        for (all, bin) in histogram.iter_mut().zip(part.bins) {
+            *all += bin;
+        }
+    }
+    Quality {
+        minimum: some(parts.iter().map(|p| p.lowest).fold(f64::INFINITY, f64::min)),
+        mean: some(parts.iter().map(|p| p.sum).sum::<f64>() / n as f64),
+        above_0_3_percent: some(100.0 * parts.iter().map(|p| p.good).sum::<u64>() as f64 / n as f64),
+        histogram,
+        smallest_angle: some(parts.iter().map(|p| p.angle).fold(f64::INFINITY, f64::min)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::fixtures::voxel_faces;
+
+    #[test]
+    fn equilateral_is_one_and_flat_is_zero() {
+        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
+        assert!((triangle_quality([x, y, z]) - 1.0).abs() < 1e-15);
+        assert!((smallest_angle([x, y, z]) - 60.0).abs() < 1e-12);
+        assert!(triangle_quality([x, 2.0 * x, 4.0 * x]).abs() < 1e-15);
+        assert!(triangle_quality([x, x, x]).abs() < 1e-15);
+    }
+
+    #[test]
+    fn half_squares_are_all_alike() {
+        let q = quality(&voxel_faces([1, 1, 1], &[1], 0));
+        let half_square = 3f64.sqrt() / 2.0;
+        assert!((q.minimum.unwrap() - half_square).abs() < 1e-12);
+        assert!((q.mean.unwrap() - half_square).abs() < 1e-12);
+        assert!((q.above_0_3_percent.unwrap() - 100.0).abs() < 1e-12);
+        assert!((q.smallest_angle.unwrap() - 45.0).abs() < 1e-12);
+        assert_eq!(q.histogram[17], 12);
+        assert_eq!(q.histogram.iter().sum::<u64>(), 12);
+    }
+}
