@@ -10,5 +10,6 @@ pub mod grid;
 pub mod material;
 pub mod mesh;
 pub mod phantom;
+pub mod pipeline;
 pub mod report;
 pub mod volume;

@@ -1,14 +1,244 @@
 //! `interfacet extract`.
 
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::str::FromStr;
 
+use anyhow::{Context, bail};
+use clap::ValueEnum;
+use serde::Deserialize;
+
+use super::input::InputArgs;
+use crate::contour::Border;
 use crate::execution::Execution;
+use crate::export::StagedFolder;
+use crate::mesh::{CheckOptions, MeshReport};
+use crate::pipeline::{Extraction, MaterialChoice, NamedGrey, PipelineOptions, extract};
+use crate::report::{InputReport, RunReport, write_result};
 
 /// Arguments of `interfacet extract`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {}
+pub(crate) struct Args {
+    #[command(flatten)]
+    input: InputArgs,
+
+    /// Folder for the results. It is made; an earlier result there is replaced as a whole.
+    #[arg(long, short, value_name = "DIR")]
+    out: PathBuf,
+
+    /// A material and its mean grey value; give it once for each, by ascending grey value, the
+    /// background (air) first. Without any, the materials are found in the volume.
+    #[arg(long = "material", value_name = "NAME=GREY", help_heading = "Materials", conflicts_with_all = ["count", "labels"])]
+    material: Vec<Named>,
+
+    /// Read the materials from a TOML file: a [[material]] table with name and grey for each.
+    #[arg(long, value_name = "FILE", help_heading = "Materials", conflicts_with_all = ["material", "count", "labels"])]
+    materials: Option<PathBuf>,
+
+    /// How many materials to find, the background counted.
+    #[arg(long, value_name = "N", help_heading = "Materials", conflicts_with = "labels")]
+    count: Option<usize>,
+
+    /// The volume is segmented already: every different value is a material, the lowest the
+    /// background. Crossings lie halfway between voxels.
+    #[arg(long, help_heading = "Materials")]
+    labels: bool,
+
+    /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
+    /// interfaces, smaller keeps thinner parts and sharper junctions.
+    #[arg(long, value_name = "R", help_heading = "Surface")]
+    radius: Option<f64>,
+
+    /// The surface at the volume's border: closed there, or left open.
+    #[arg(long, value_enum, default_value_t = BorderName::Closed, help_heading = "Surface")]
+    border: BorderName,
+
+    /// How thoroughly to check the mesh: `full` looks for self-intersections too, which takes
+    /// about as long as everything else.
+    #[arg(long, value_enum, default_value_t = CheckName::Full, help_heading = "Run")]
+    check: CheckName,
+
+    /// Threads to use [default: all cores]. The result is the same for any number.
+    #[arg(long, short = 'j', value_name = "N", help_heading = "Run")]
+    threads: Option<usize>,
+
+    /// Say nothing on success.
+    #[arg(long, short, help_heading = "Run")]
+    quiet: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum BorderName {
+    Closed,
+    Open,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum CheckName {
+    /// Everything, self-intersections included.
+    Full,
+    /// Closedness, orientation, manifoldness, degenerate triangles.
+    Topology,
+}
+
+/// `NAME=GREY`.
+#[derive(Debug, Clone)]
+struct Named(NamedGrey);
+
+impl FromStr for Named {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (name, grey) = text.rsplit_once('=').ok_or("expected NAME=GREY, for example aluminium=11600")?;
+        let grey = grey.trim().parse().map_err(|_| format!("the grey value '{grey}' is not a number"))?;
+        Ok(Self(NamedGrey { name: name.trim().into(), grey }))
+    }
+}
+
+/// A materials file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaterialsFile {
+    material: Vec<NamedGrey>,
+}
+
+impl Args {
+    fn options(&self) -> anyhow::Result<PipelineOptions> {
+        let materials = if self.labels {
+            MaterialChoice::Labels
+        } else if let Some(path) = &self.materials {
+            let text =
+                std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            let file: MaterialsFile = toml::from_str(&text)
+                .with_context(|| format!("{} is not a materials file", path.display()))?;
+            MaterialChoice::Given(file.material)
+        } else if !self.material.is_empty() {
+            MaterialChoice::Given(self.material.iter().map(|m| m.0.clone()).collect())
+        } else {
+            MaterialChoice::Find { count: self.count }
+        };
+        let border = match self.border {
+            BorderName::Closed => Border::Closed,
+            BorderName::Open => Border::Open,
+        };
+        Ok(PipelineOptions { materials, radius: self.radius, border })
+    }
+}
 
 /// Runs the command.
-pub(crate) fn run(_args: &Args, _execution: &Execution) -> anyhow::Result<ExitCode> {
-    anyhow::bail!("being written")
+pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = args.threads {
+        if !(1..=1024).contains(&threads) {
+            bail!("--threads {threads}: give a number between 1 and 1024");
+        }
+        pool = pool.num_threads(threads);
+    }
+    pool.build().context("cannot start threads")?.install(|| run_in_pool(args, execution))
+}
+
+fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
+    let options = args.options()?;
+    let source = args.input.open()?;
+    // Before the work, so that a folder that cannot be written is known at once.
+    let folder = StagedFolder::create(&args.out)?;
+    let input = InputReport {
+        path: args.input.input.display().to_string(),
+        sample_type: source.sample_type(),
+        geometry: source.geometry().clone(),
+        voxels: source.geometry().voxels() as u64,
+    };
+    let mut extraction = extract(source.as_ref(), &options, execution)?;
+    drop(source);
+    let check = CheckOptions { self_intersections: args.check == CheckName::Full, ..CheckOptions::default() };
+    let stage = execution.stage("checking the mesh", 0);
+    let mut costs = std::mem::take(&mut extraction.costs);
+    let mesh = costs.measure("check", || MeshReport::new(&extraction.mesh, &check, execution))?;
+    extraction.costs = costs;
+    drop(stage);
+    let curves = mesh.junctions.curves.clone();
+    let report = RunReport::new(input, options, &extraction, mesh);
+    write_result(folder.path(), &extraction, &curves, &report, execution)?;
+    execution.check()?;
+    folder.commit()?;
+    if !args.quiet {
+        summary(&mut io::stdout().lock(), &args.out, &extraction, &report)
+            .context("cannot write to standard output")?;
+    }
+    let unexpected = report.defect_count > 0 && report.options.border == Border::Closed;
+    Ok(if unexpected { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// What a person wants to know at once.
+fn summary(
+    out: &mut impl Write,
+    folder: &Path,
+    extraction: &Extraction,
+    report: &RunReport,
+) -> io::Result<()> {
+    let [x, y, z] = extraction.geometry.size();
+    let [sx, sy, sz] = extraction.geometry.spacing();
+    writeln!(out, "{x} x {y} x {z} voxels of {sx} x {sy} x {sz} mm")?;
+    writeln!(out, "\n  id  material              grey      volume mm³  components   Euler")?;
+    for m in &report.materials {
+        let (id, name, grey) = (m.material.id.0, &m.material.name, m.material.mean);
+        let number = |n: Option<String>| n.unwrap_or_else(|| "-".into());
+        writeln!(
+            out,
+            "  {id:>2}  {name:<16} {grey:>9.6} {:>15} {:>11} {:>7}",
+            number(m.mesh_volume.map(|v| format!("{v:.3}"))),
+            number(m.components.map(|c| c.to_string())),
+            number(m.euler_characteristic.map(|e| e.to_string())),
+        )?;
+    }
+    writeln!(out, "\n  interface                              triangles        area mm²")?;
+    for p in &report.pairs {
+        let pair = format!("{} | {}", p.back, p.front);
+        writeln!(out, "  {pair:<36} {:>11} {:>15.3}", p.triangles, p.area)?;
+    }
+    let n = &report.non_manifold_edges;
+    writeln!(
+        out,
+        "\n{} triangles; {} non-manifold edges in {} junction curves ({:.3} mm), {} junction points, {} boundary edges",
+        report.triangles,
+        n.edges,
+        n.curves.len(),
+        n.length,
+        n.junction_points,
+        n.boundary_edges
+    )?;
+    if let Some(blur) = &report.blur {
+        let [rx, ry, rz] = blur.radius;
+        writeln!(out, "blur radius R {rx:.2} x {ry:.2} x {rz:.2} voxels")?;
+    }
+    match report.defect_count {
+        0 => writeln!(out, "no defects")?,
+        _ if report.options.border == Border::Open => {
+            writeln!(
+                out,
+                "the border is open: {} edges and vertices there are reported",
+                report.defect_count
+            )?;
+        }
+        n => writeln!(out, "{n} DEFECTS: see report.json")?,
+    }
+    for warning in &report.warnings {
+        writeln!(out, "note: {warning}")?;
+    }
+    let seconds = report.costs.total_seconds();
+    writeln!(out, "{seconds:.1} s; results in {}", folder.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_material_is_a_name_and_a_grey_value() {
+        let named: Named = "iron = -40.5".parse().unwrap();
+        assert_eq!(named.0, NamedGrey { name: "iron".into(), grey: -40.5 });
+        assert!("iron".parse::<Named>().is_err());
+        assert!("iron=heavy".parse::<Named>().is_err());
+    }
 }

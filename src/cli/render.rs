@@ -1,15 +1,16 @@
 //! `interfacet render`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
 
 use crate::execution::Execution;
+use crate::export::{ReadOptions, read_mesh};
 use crate::grid::MaterialId;
 use crate::mesh::InterfaceMesh;
 use crate::report::{Background, Cut, RenderOptions, SliceOptions, render, slice_picture};
-use crate::volume::VolumeSource;
+use crate::volume::{OpenOptions, open};
 
 /// Arguments of `interfacet render`.
 #[derive(Debug, clap::Args)]
@@ -84,7 +85,7 @@ type Crop = [[usize; 2]; 2];
 
 /// Runs the command.
 pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
-    let mesh = args.mesh.as_deref().map(open_mesh).transpose()?;
+    let mesh = args.mesh.as_deref().map(|path| read_mesh(path, &ReadOptions::default())).transpose()?;
     let only = match &mesh {
         Some(mesh) => {
             args.only.iter().map(|text| material(mesh, text)).collect::<anyhow::Result<Vec<_>>>()?
@@ -103,7 +104,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
                 legend: !args.no_legend,
                 ..SliceOptions::default()
             };
-            slice_picture(open_volume(volume)?.as_ref(), mesh.as_ref(), &options)?
+            slice_picture(open(volume, &OpenOptions::default())?.as_ref(), mesh.as_ref(), &options)?
         }
         (_, _, Some(mesh)) => {
             let view = &args.view;
@@ -130,16 +131,6 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     execution.check()?;
     picture.save_png(&args.out)?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// Reads the mesh. To be joined to `crate::export::read_mesh` once that is merged.
-fn open_mesh(path: &Path) -> anyhow::Result<InterfaceMesh> {
-    anyhow::bail!("{}: reading meshes is being written", path.display())
-}
-
-/// Opens the volume. To be joined to `crate::volume::open` once that is merged.
-fn open_volume(path: &Path) -> anyhow::Result<Box<dyn VolumeSource>> {
-    anyhow::bail!("{}: opening volumes is being written", path.display())
 }
 
 /// The material of a mesh that a name or an id means. A name comes first: it may be a number.

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::InterfaceMesh;
-use crate::grid::MaterialId;
+use super::{InterfaceMesh, MeshError};
+use crate::grid::{MaterialId, Pair};
 
 /// The triangles that border one material, seen from outside it, with the vertices they use.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -46,6 +46,23 @@ pub fn split(mesh: &InterfaceMesh, material: MaterialId) -> Shell {
         *v = new_id[*v as usize];
     }
     shell
+}
+
+impl Shell {
+    /// The shell as a labelled mesh of its own: `material` behind every triangle, the background in
+    /// front, whatever is really there. Kinds are those of the mesh it was split from.
+    ///
+    /// # Errors
+    /// [`MeshError`] if `mesh` is not the one the shell was split from.
+    pub fn to_mesh(&self, mesh: &InterfaceMesh, material: MaterialId) -> Result<InterfaceMesh, MeshError> {
+        let kind = |&v: &u32| mesh.kinds().get(v as usize).copied();
+        let kinds: Vec<_> = self.vertices.iter().filter_map(kind).collect();
+        let pair = Pair::new(material, MaterialId::BACKGROUND);
+        let pairs = pair.map_or_else(Vec::new, |pair| vec![pair; self.triangles.len()]);
+        let wanted = |id: MaterialId| id == material || id == MaterialId::BACKGROUND;
+        let materials = mesh.materials().iter().filter(|m| wanted(m.id)).cloned().collect();
+        InterfaceMesh::new(self.positions.clone(), kinds, self.triangles.clone(), pairs, materials)
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What happened, for people: pictures of a mesh and of a volume's slices, drawn without a GPU or
+//! What happened: [`RunReport`] for programs (`report.json`), and, for people, pictures of a mesh and of a volume's slices, drawn without a GPU or
 //! a display.
 //!
 //! [`render()`] draws a mesh with its own z-buffer; [`slice_picture`] draws a slice of grey values with the
@@ -15,10 +15,16 @@ mod outline;
 mod picture;
 mod raster;
 mod render;
+mod result_folder;
+mod run_report;
 mod shade;
 mod slice;
 
 pub use colour::{Palette, Rgb};
 pub use picture::{Background, Picture, PictureError};
 pub use render::{Cut, RenderOptions, render};
+pub use result_folder::{ResultError, write_result};
+pub use run_report::{
+    CurveReport, InputReport, MaterialReport, NonManifoldReport, PairReport, RunReport, ThresholdReport,
+};
 pub use slice::{SliceOptions, slice_picture};

@@ -4,10 +4,14 @@
 //! a certain number of them runs the pipeline inside `ThreadPool::install`; the library never
 //! builds or configures a global pool.
 
+mod cost;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use thiserror::Error;
+
+pub use cost::{CostLog, StageCost, peak_memory};
 
 /// Receives the progress of a run. Calls may come from any thread.
 pub trait Progress: Send + Sync {

@@ -1,0 +1,220 @@
+//! The recipe: from a volume to a labelled mesh, in one function that reads as the pipeline.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::classify::{Classification, ClassifyCounts, ClassifyError, LabelVolume, classify};
+use crate::contour::marching::march;
+use crate::contour::{Border, ContourError, Midpoints, Thresholds};
+use crate::execution::{Cancelled, CostLog, Execution};
+use crate::grid::Geometry;
+use crate::material::{
+    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, estimate_blur, find_materials,
+    measure_statistics, radius_per_axis,
+};
+use crate::mesh::{InterfaceMesh, MeshError, MeshMaterial};
+use crate::volume::{Sample, Samples, VolumeError, VolumeSource};
+use crate::with_samples;
+
+/// What to make of a volume.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PipelineOptions {
+    /// Where the materials come from.
+    pub materials: MaterialChoice,
+    /// Radius R of the blur in voxels (of mean edge length); estimated where `None`.
+    pub radius: Option<f64>,
+    /// What happens at the volume's border.
+    pub border: Border,
+}
+
+/// Where the materials come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaterialChoice {
+    /// Found in the volume: their number too, unless it is given.
+    Find {
+        /// How many, if known.
+        count: Option<usize>,
+    },
+    /// Given by name and mean grey value, in ascending order, the background first.
+    Given(Vec<NamedGrey>),
+    /// The volume holds labels, not grey values: each label is a material, the lowest the
+    /// background.
+    Labels,
+}
+
+impl Default for MaterialChoice {
+    fn default() -> Self {
+        Self::Find { count: None }
+    }
+}
+
+/// A material given by the user.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NamedGrey {
+    /// Its name.
+    pub name: String,
+    /// Its mean grey value.
+    pub grey: f64,
+}
+
+/// Why a volume did not become a mesh.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// It could not be read.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// No materials were found.
+    #[error(transparent)]
+    Find(#[from] FindError),
+    /// The materials given are not usable.
+    #[error(transparent)]
+    Materials(#[from] MaterialTableError),
+    /// It could not be classified.
+    #[error(transparent)]
+    Classify(#[from] ClassifyError),
+    /// The surface could not be extracted.
+    #[error(transparent)]
+    Contour(#[from] ContourError),
+    /// The surface makes no mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Stopped from outside.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// A mesh and all that was found on the way to it.
+#[derive(Debug, Clone)]
+pub struct Extraction {
+    /// Where the volume lies.
+    pub geometry: Geometry,
+    /// The materials used.
+    pub materials: MaterialTable,
+    /// Modes of the histogram that were not taken for materials.
+    pub rejected: Vec<Rejected>,
+    /// The blur and the radius used; `None` for a volume of labels.
+    pub blur: Option<Blur>,
+    /// Voxels per class after each pass; `None` for a volume of labels.
+    pub classification: Option<ClassifyCounts>,
+    /// Voxels of each material in the end.
+    pub voxels: Vec<u64>,
+    /// The labelled surface.
+    pub mesh: InterfaceMesh,
+    /// What each stage cost.
+    pub costs: CostLog,
+}
+
+/// Extracts the labelled surface of a volume.
+///
+/// # Errors
+/// [`PipelineError`]: the first stage that could not do its work, and why.
+pub fn extract(
+    source: &dyn VolumeSource,
+    options: &PipelineOptions,
+    execution: &Execution,
+) -> Result<Extraction, PipelineError> {
+    let mut costs = CostLog::default();
+    let stage = execution.stage("reading", 0);
+    let samples = costs.measure("read", || source.read_all())?;
+    drop(stage);
+    execution.check()?;
+    let geometry = source.geometry().clone();
+    with_samples!(&samples, values => match &options.materials {
+        MaterialChoice::Labels => from_labels(values, geometry, options, costs, execution),
+        choice => from_greys(values, geometry, choice, options, costs, execution),
+    })
+}
+
+/// The main job: materials, blur, classification, contouring (Fujimori and Suzuki).
+fn from_greys<S: Sample>(
+    samples: &[S],
+    geometry: Geometry,
+    choice: &MaterialChoice,
+    options: &PipelineOptions,
+    mut costs: CostLog,
+    execution: &Execution,
+) -> Result<Extraction, PipelineError> {
+    let size = geometry.size();
+    let stage = execution.stage("finding materials", 0);
+    let Found { table: materials, rejected } =
+        costs.measure("materials", || choose_materials(samples, size, choice))?;
+    let blur = costs.measure("blur", || match options.radius {
+        Some(radius) => Blur { sigma_mm: None, profiles: 0, radius: radius_per_axis(radius, &geometry) },
+        None => estimate_blur(samples, &geometry, &materials),
+    });
+    drop(stage);
+    execution.check()?;
+    let Classification { labels, junction, counts } =
+        costs.measure("classify", || classify(samples, size, &materials, blur.radius, execution))?;
+    let rule = Thresholds::new(samples, size, &junction, &materials);
+    let patch = costs.measure("contour", || march(&labels, &rule, options.border, execution))?;
+    let listed = MeshMaterial::from_table(&materials);
+    let mesh = costs.measure("mesh", || InterfaceMesh::from_patch(patch, &geometry, listed))?;
+    let voxels = counts.labelled.clone();
+    Ok(Extraction {
+        geometry,
+        materials,
+        rejected,
+        blur: Some(blur),
+        classification: Some(counts),
+        voxels,
+        mesh,
+        costs,
+    })
+}
+
+/// The short way: the volume is segmented already, crossings are midpoints.
+fn from_labels<S: Sample>(
+    samples: &[S],
+    geometry: Geometry,
+    options: &PipelineOptions,
+    mut costs: CostLog,
+    execution: &Execution,
+) -> Result<Extraction, PipelineError> {
+    let (labels, ids) = costs.measure("labels", || LabelVolume::from_labels(samples, geometry.size()))?;
+    execution.check()?;
+    let name = |id: &f64| format!("label{id}").replace(['.', '+'], "_");
+    let materials = MaterialTable::new(ids.iter().map(|id| (name(id), *id)))?;
+    let patch = costs.measure("contour", || march(&labels, &Midpoints, options.border, execution))?;
+    let listed = MeshMaterial::from_table(&materials);
+    let mesh = costs.measure("mesh", || InterfaceMesh::from_patch(patch, &geometry, listed))?;
+    let voxels = labels.counts();
+    let (rejected, blur, classification) = (Vec::new(), None, None);
+    Ok(Extraction { geometry, materials, rejected, blur, classification, voxels, mesh, costs })
+}
+
+/// The materials of a grey volume, found or as given, with their noise measured.
+fn choose_materials<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    choice: &MaterialChoice,
+) -> Result<Found, PipelineError> {
+    match choice {
+        MaterialChoice::Given(given) => {
+            let table = MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))?;
+            Ok(Found { table: measure_statistics(samples, size, table), rejected: Vec::new() })
+        }
+        MaterialChoice::Find { count } => Ok(find_materials(samples, size, *count)?),
+        MaterialChoice::Labels => Ok(find_materials(samples, size, None)?),
+    }
+}
+
+/// The materials and the blur that [`extract`] would use, without extracting.
+///
+/// # Errors
+/// As [`extract`].
+pub fn survey(
+    samples: &Samples,
+    geometry: &Geometry,
+    choice: &MaterialChoice,
+) -> Result<(Found, Blur), PipelineError> {
+    with_samples!(samples, values => {
+        let found = choose_materials(values, geometry.size(), choice)?;
+        let blur = estimate_blur(values, geometry, &found.table);
+        Ok((found, blur))
+    })
+}

@@ -1,0 +1,260 @@
+//! `report.json`: what a run was given, what it used, what came out, what is wrong with it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::classify::ClassifyCounts;
+use crate::execution::CostLog;
+use crate::grid::{Geometry, MaterialId};
+use crate::material::{Blur, Material, MaterialTable, Rejected};
+use crate::mesh::{Defects, Junctions, MeshReport, Quality};
+use crate::pipeline::{Extraction, PipelineOptions};
+
+/// Below this share of a material's voxels by grey value, the rest of it was lost to thinness.
+const KEPT_SHARE: f64 = 0.7;
+
+/// The report of a run; lengths in mm, areas in mm², volumes in mm³.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunReport {
+    /// Tool and version.
+    pub tool: String,
+    /// What was read.
+    pub input: InputReport,
+    /// All options as used.
+    pub options: PipelineOptions,
+    /// What a user should know before trusting the result.
+    pub warnings: Vec<String>,
+    /// The materials, by id.
+    pub materials: Vec<MaterialReport>,
+    /// Modes of the histogram that were not taken for materials.
+    pub rejected_modes: Vec<Rejected>,
+    /// The thresholds of all pairs; empty for a volume of labels.
+    pub thresholds: Vec<ThresholdReport>,
+    /// Blur and the radius R used; `None` for a volume of labels.
+    pub blur: Option<Blur>,
+    /// Voxels per class after each pass, junction voxels, rounds of thinning; `None` for labels.
+    pub classification: Option<ClassifyCounts>,
+    /// Number of vertices.
+    pub vertices: u64,
+    /// Number of triangles.
+    pub triangles: u64,
+    /// Each interface.
+    pub pairs: Vec<PairReport>,
+    /// The non-manifold edges.
+    pub non_manifold_edges: NonManifoldReport,
+    /// Triangle shapes.
+    pub quality: Quality,
+    /// Number of defects of all kinds; 0 is the promise for a closed border.
+    pub defect_count: u64,
+    /// All defects, located.
+    pub defects: Defects,
+    /// What each stage cost.
+    pub costs: CostLog,
+}
+
+/// What was read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct InputReport {
+    /// The path as given.
+    pub path: String,
+    /// Number type of the samples.
+    pub sample_type: crate::volume::SampleType,
+    /// Size, spacing, origin, direction.
+    pub geometry: Geometry,
+    /// Number of voxels.
+    pub voxels: u64,
+}
+
+/// One material.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MaterialReport {
+    /// Id, name, mean grey value (or label), noise.
+    #[serde(flatten)]
+    pub material: Material,
+    /// Voxels labelled with it in the end.
+    pub labelled_voxels: u64,
+    /// Those voxels times the volume of a voxel.
+    pub voxel_volume: f64,
+    /// Volume of its closed mesh; `None` for the background and for open shells.
+    pub mesh_volume: Option<f64>,
+    /// Area of its shell.
+    pub area: Option<f64>,
+    /// Connected components of its shell: outer surfaces and cavities each count.
+    pub components: Option<u64>,
+    /// Euler characteristic of its shell, over all components.
+    pub euler_characteristic: Option<i64>,
+}
+
+/// The threshold of a pair.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ThresholdReport {
+    /// The two materials, lower id first.
+    pub materials: [MaterialId; 2],
+    /// `t_xy`, halfway between their means.
+    pub grey: f64,
+}
+
+/// One interface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairReport {
+    /// The material behind.
+    pub back: String,
+    /// The material in front.
+    pub front: String,
+    /// Its triangles.
+    pub triangles: u64,
+    /// Its area.
+    pub area: f64,
+}
+
+/// The non-manifold edge report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NonManifoldReport {
+    /// Edges where three or more interfaces meet.
+    pub edges: u64,
+    /// How many of them have how many incident interfaces.
+    pub edges_by_interfaces: BTreeMap<u32, u64>,
+    /// Junction curves made of them.
+    pub curves: Vec<CurveReport>,
+    /// Their length in all.
+    pub length: f64,
+    /// Points where junction curves end or branch.
+    pub junction_points: u64,
+    /// Edges with one triangle only, as an open border leaves them.
+    pub boundary_edges: u64,
+    /// Closed loops of boundary edges.
+    pub boundary_loops: u64,
+    /// Length of all boundary edges.
+    pub boundary_length: f64,
+}
+
+/// One junction curve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CurveReport {
+    /// The materials that meet along it, by name.
+    pub materials: Vec<String>,
+    /// Whether it is a closed loop.
+    pub closed: bool,
+    /// Its length.
+    pub length: f64,
+    /// Its number of edges.
+    pub edges: u64,
+}
+
+impl RunReport {
+    /// The report of an extraction; `mesh` is the check and measure of its mesh.
+    #[must_use]
+    pub fn new(
+        input: InputReport,
+        options: PipelineOptions,
+        extraction: &Extraction,
+        mesh: MeshReport,
+    ) -> Self {
+        let table = &extraction.materials;
+        let voxel = extraction.geometry.voxel_volume();
+        let materials = table.materials().iter().zip(&extraction.voxels).map(|(material, &voxels)| {
+            let shell = mesh.measures.shells.iter().find(|s| s.material == material.id);
+            MaterialReport {
+                material: material.clone(),
+                labelled_voxels: voxels,
+                voxel_volume: voxels as f64 * voxel,
+                mesh_volume: shell.and_then(|s| s.volume),
+                area: shell.map(|s| s.area),
+                components: shell.map(|s| s.components),
+                euler_characteristic: shell.map(|s| s.euler_characteristic),
+            }
+        });
+        let pairs = mesh.measures.pairs.iter().map(|p| PairReport {
+            back: name(table, p.pair.back()),
+            front: name(table, p.pair.front()),
+            triangles: p.triangles,
+            area: p.area,
+        });
+        Self {
+            tool: concat!("interfacet ", env!("CARGO_PKG_VERSION")).into(),
+            input,
+            warnings: warnings(&options, extraction, &mesh.defects),
+            options,
+            materials: materials.collect(),
+            rejected_modes: extraction.rejected.clone(),
+            thresholds: if extraction.classification.is_some() { thresholds(table) } else { Vec::new() },
+            blur: extraction.blur,
+            classification: extraction.classification.clone(),
+            vertices: mesh.measures.vertices,
+            triangles: mesh.measures.triangles,
+            pairs: pairs.collect(),
+            non_manifold_edges: non_manifold(&mesh.junctions, table),
+            quality: mesh.quality,
+            defect_count: mesh.defects.total(),
+            defects: mesh.defects,
+            costs: extraction.costs.clone(),
+        }
+    }
+}
+
+fn name(table: &MaterialTable, id: MaterialId) -> String {
+    table.get(id).map_or_else(|| "OUTSIDE".into(), |m| m.name.clone())
+}
+
+fn thresholds(table: &MaterialTable) -> Vec<ThresholdReport> {
+    let ids: Vec<MaterialId> = table.materials().iter().map(|m| m.id).collect();
+    let pairs = ids.iter().enumerate().flat_map(|(i, &x)| ids[i + 1..].iter().map(move |&y| [x, y]));
+    pairs.map(|[x, y]| ThresholdReport { materials: [x, y], grey: table.threshold(x, y) }).collect()
+}
+
+fn non_manifold(junctions: &Junctions, table: &MaterialTable) -> NonManifoldReport {
+    let curves = junctions.curves.iter().map(|c| CurveReport {
+        materials: c.materials.iter().map(|&id| name(table, id)).collect(),
+        closed: c.closed,
+        length: c.length,
+        edges: c.edges,
+    });
+    NonManifoldReport {
+        edges: junctions.edges,
+        edges_by_interfaces: junctions.edges_by_triangles.clone(),
+        curves: curves.collect(),
+        length: junctions.length,
+        junction_points: junctions.points.len() as u64,
+        boundary_edges: junctions.boundaries.edges,
+        boundary_loops: junctions.boundaries.loops,
+        boundary_length: junctions.boundaries.length,
+    }
+}
+
+/// What a user should know before trusting the result.
+fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defects) -> Vec<String> {
+    let mut out = Vec::new();
+    if !defects.self_intersections_checked {
+        out.push("self-intersections were not looked for".into());
+    }
+    for mode in &extraction.rejected {
+        out.push(format!(
+            "a mode of the histogram at grey {:.6} was not taken for a material: {} ({:.1} %); name it with --material if it is one",
+            mode.grey,
+            mode.reason,
+            100.0 * mode.inside_share
+        ));
+    }
+    if options.radius.is_none() && extraction.blur.is_some_and(|b| b.sigma_mm.is_none()) {
+        out.push("too few clean interfaces to estimate the blur; the usual radius was used".into());
+    }
+    if let Some(counts) = &extraction.classification {
+        let densest = extraction.materials.count() - 1;
+        for material in &extraction.materials.materials()[1..] {
+            let id = usize::from(material.id.0);
+            let (before, after) = (counts.alpha[id] as f64, counts.labelled[id] as f64);
+            // The grey range of a material between two others holds their blurred interface too,
+            // so only the densest one must keep what its grey values say.
+            let lost =
+                if id == densest { after < KEPT_SHARE * before } else { after < 0.5 * KEPT_SHARE * before };
+            if lost {
+                out.push(format!(
+                    "{} has {:.0} voxels by grey value but only {:.0} were kept: parts thinner than twice the blur radius are lost (try a smaller --radius)",
+                    material.name, before, after
+                ));
+            }
+        }
+    }
+    out
+}
