@@ -122,7 +122,11 @@ pub enum VolumeError {
         got: u64,
     },
     /// More bytes than the header asks for.
-    #[error("{}: {extra} bytes follow the {needed} bytes of samples that size and type ask for: one of them is wrong, or the samples do not begin where the header says", path.display())]
+    #[error(
+        "{}: size and type ask for {needed} bytes of samples, but {extra} or more bytes follow them: one of \
+         the two is wrong, or the samples begin elsewhere than the header says",
+        path.display()
+    )]
     Excess {
         /// The file with the samples.
         path: PathBuf,

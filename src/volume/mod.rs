@@ -6,6 +6,8 @@
 //! and no sample that is not finite ever comes out.
 
 mod collect;
+#[cfg(test)]
+mod conformance;
 mod error;
 mod finite;
 mod header;

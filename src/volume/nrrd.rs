@@ -14,6 +14,7 @@ use super::collect::Endian;
 use super::header::{Fields, HeaderLines, shortened};
 use super::positioned::{PositionedFile, io_error};
 use super::raw::{RawSource, sample_bytes};
+use super::source::SPACING_ASSUMED;
 use super::stream::{Skip, StreamExtent, StreamSource};
 use super::{MemorySource, SampleType, Samples, VolumeError, VolumeSource};
 use crate::grid::Geometry;
@@ -189,7 +190,7 @@ fn geometry(fields: &Fields, notes: &mut Vec<String>) -> Result<Geometry, Volume
         None => {
             let spacing = fields.numbers(&["spacings"])?;
             if spacing.is_none() {
-                notes.push("the header gives no spacing: 1 mm was taken".into());
+                notes.push(SPACING_ASSUMED.to_owned());
             }
             (spacing.unwrap_or([1.0; 3]), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         }

@@ -9,11 +9,11 @@ use std::path::Path;
 
 use super::directory::{Directory, FileHeader, malformed, tag};
 use super::page::Page;
-use super::{NO_SPACING, read_slices};
+use super::read_slices;
 use crate::grid::{Geometry, VoxelBox};
 use crate::volume::positioned::PositionedFile;
 use crate::volume::raw::RawSource;
-use crate::volume::source::check_box;
+use crate::volume::source::{SPACING_ASSUMED, check_box};
 use crate::volume::{SampleType, Samples, VolumeError, VolumeSource};
 
 /// A multi-page TIFF.
@@ -65,7 +65,7 @@ pub(crate) fn open_file(path: &Path) -> Result<Box<dyn VolumeSource>, VolumeErro
         };
         let (geometry, sample, endian) = (geometry(imagej.images)?, first.sample, first.endian);
         let source = RawSource::within(file, geometry, sample, endian, offset)?;
-        return Ok(Box::new(source.with_notes(vec![NO_SPACING.to_owned()])));
+        return Ok(Box::new(source.with_notes(vec![SPACING_ASSUMED.to_owned()])));
     }
     let geometry = geometry(pages.len())?;
     Ok(Box::new(StackSource { file, geometry, pages }))
@@ -138,6 +138,6 @@ impl VolumeSource for StackSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec![NO_SPACING.to_owned()]
+        vec![SPACING_ASSUMED.to_owned()]
     }
 }
