@@ -1,6 +1,8 @@
 //! Odd, truncated, lying and hostile files: each is read right or refused with a message, without a
 //! panic, in seconds, and with no more memory than a small file justifies.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // helpers of tests, like the tests themselves
+
 use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -9,9 +11,7 @@ use std::time::{Duration, Instant};
 
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
-use interfacet::volume::{
-    Endian, OpenOptions, RawLayout, SampleType, Samples, VolumeError, VolumeSource, open,
-};
+use interfacet::volume::{Endian, OpenOptions, RawLayout, SampleType, Samples, VolumeError, open};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -223,7 +223,7 @@ fn a_missing_file_is_named() {
 fn headers_that_lie_about_the_size_are_refused_before_memory_is_taken() {
     let folder = tempfile::tempdir().unwrap();
     let cases = [
-        ("30000 30000 30000", "", "216"),
+        ("30000 30000 30000", "", "27000000000000 bytes of samples are needed but 64"),
         ("4 4 5", "", "80 bytes of samples are needed but 64"),
         ("4 4 3", "", "48 bytes of samples, but 16"),
         ("99999999999999999999 1 1", "", "99999999999999999999"),
@@ -270,7 +270,7 @@ fn features_that_are_not_read_are_refused_by_name() {
         ("b.nrrd", nrrd("encoding: raw\ndata file: LIST\n"), "LIST"),
         ("c.nrrd", nrrd("encoding: raw\nkinds: vector domain domain\n"), "vector"),
         ("d.nrrd", nrrd("encoding: raw\nspace directions: none (1,0,0) (0,1,0)\n"), "space directions"),
-        ("e.nrrd", nrrd("encoding: raw\nspace units: \"furlong\" \"mm\" \"mm\"\n"), "furlong"),
+        ("e.nrrd", nrrd("encoding: raw\nspace units: \"furlong\" \"furlong\" \"furlong\"\n"), "furlong"),
         ("f.nrrd", nrrd("encoding: raw\nspacings: 1 1\n"), "spacings"),
         ("g.nrrd", nrrd("").replace("uchar", "double") + "encoding: raw\n", "double"),
         ("h.nrrd", nrrd("line skip: 99\nencoding: raw\n"), "line skip"),
@@ -386,7 +386,6 @@ fn valid_files() -> Vec<(&'static str, Vec<u8>)> {
         for page in samples.chunks(20) {
             encoder.write_image::<tiff::encoder::colortype::Gray8>(4, 5, page).unwrap();
         }
-        drop(encoder);
         out.into_inner()
     };
     vec![
@@ -429,7 +428,7 @@ fn must_not_panic(path: &Path) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 700, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// Bytes changed, digits above all, and the end cut off.
     #[test]

@@ -1,5 +1,7 @@
 //! Real volumes, as they come: sizes, types, spacings and statistics that are known otherwise.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // helpers of tests, like the tests themselves
+
 use std::path::{Path, PathBuf};
 
 use interfacet::grid::VoxelBox;

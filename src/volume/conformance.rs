@@ -469,7 +469,6 @@ mod encoded {
             }
             .unwrap();
         }
-        drop(encoder);
         out.into_inner()
     }
 
@@ -507,7 +506,6 @@ mod encoded {
         for page in values.chunks(35) {
             encoder.write_image::<colortype::Gray16>(7, 5, page).unwrap();
         }
-        drop(encoder);
         let folder = tempfile::tempdir().unwrap();
         // No extension: found by its first bytes.
         check(&write(&folder, "big", &[&out.into_inner()]), &OpenOptions::default(), &all, [1.0; 3]);
@@ -516,7 +514,7 @@ mod encoded {
     #[test]
     fn unequal_slices_are_refused_with_both_sizes() {
         let folder = tempfile::tempdir().unwrap();
-        let mut encode = |name: &str, w: u32, h: u32, wide: bool| {
+        let encode = |name: &str, w: u32, h: u32, wide: bool| {
             let mut out = Cursor::new(Vec::new());
             let mut encoder = TiffEncoder::new(&mut out).unwrap();
             let n = (w * h) as usize;
@@ -525,7 +523,6 @@ mod encoded {
             } else {
                 encoder.write_image::<colortype::Gray8>(w, h, &vec![3; n]).unwrap();
             }
-            drop(encoder);
             write(&folder, name, &[&out.into_inner()]);
         };
         encode("s1.tif", 4, 3, false);

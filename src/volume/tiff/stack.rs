@@ -90,6 +90,11 @@ pub(super) fn read_pages(file: &PositionedFile) -> Result<(Vec<Page>, String), V
         pages.push(Page::new(&directory, next)?);
         next = directory.next;
     }
+    // Pages may share their samples, but a few bytes that are shown as a thousand pages are a trap.
+    let needed = pages.iter().fold(0, |sum: u64, page| sum.saturating_add(page.least_bytes()));
+    if needed > file.len() {
+        return Err(VolumeError::Truncated { path: file.path().to_owned(), needed, got: file.len() });
+    }
     Ok((pages, description))
 }
 
