@@ -28,13 +28,18 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     let source = args.input.open()?;
     let grey = Grey::measure(source.as_ref(), execution)?;
     let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey);
-    let mut out = std::io::stdout().lock();
+    let mut out = Vec::new();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &info)?;
         writeln!(out)?;
     } else {
         print(&mut out, &info, columns_of_terminal())?;
         print_materials(&mut out)?;
+    }
+    match std::io::stdout().lock().write_all(&out) {
+        // Whoever reads has seen enough: `interfacet info ... | head`.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {}
+        result => result?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -91,7 +91,6 @@ fn conforms(source: &dyn VolumeSource, expected: &Samples, what: &str) {
             assert!(matches!(source.read(&part), Err(VolumeError::Box { .. })), "{what}: {part:?}");
         }
     }
-    // The same again from a part: its voxels stay where they were in the world.
     assert!(source.notes().iter().all(|note| !note.is_empty()));
 }
 
@@ -558,4 +557,62 @@ fn a_loop_of_directories_ends_in_an_error() {
     looped[link..link + 4].copy_from_slice(&first.to_le_bytes());
     let error = open(&write(&folder, "loop.tif", &[&looped]), &OpenOptions::default()).err().unwrap();
     assert!(error.to_string().contains("lead back"), "{error}");
+}
+
+#[test]
+fn a_few_bytes_shown_as_many_pages_or_as_a_large_tile_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |name: &str, tiff: &TiffWriter| {
+        let path = write(&folder, name, &[&tiff.bytes]);
+        match open(&path, &OpenOptions::default()).and_then(|source| source.read_all()) {
+            Err(error) => error,
+            Ok(_) => panic!("{name} was read"),
+        }
+    };
+    let mut tiff = TiffWriter::new(Endian::Little, false);
+    let strip = tiff.data(&[5; 60_000]);
+    let mut link = tiff.first_link();
+    for _ in 0..500 {
+        let tags =
+            [(256, vec![300]), (257, vec![200]), (258, vec![8]), (273, vec![strip]), (279, vec![60_000])];
+        let (at, next) = tiff.directory(&tags, "");
+        tiff.link(link, at);
+        link = next;
+    }
+    assert!(matches!(refused("alias.tif", &tiff), VolumeError::Truncated { needed: 30_000_000, .. }));
+
+    for compression in [1, 5, 8, 32773] {
+        let mut tiff = TiffWriter::new(Endian::Little, false);
+        let tile = tiff.data(&zlib(&[1; 4096]));
+        let tags = [
+            (256, vec![64]),
+            (257, vec![64]),
+            (258, vec![8]),
+            (259, vec![compression]),
+            (322, vec![30_000]),
+            (323, vec![30_000]),
+            (324, vec![tile]),
+            (325, vec![30]),
+        ];
+        let (at, _) = tiff.directory(&tags, "");
+        tiff.link(tiff.first_link(), at);
+        assert!(matches!(refused("tile.tif", &tiff), VolumeError::Truncated { needed: 900_000_000, .. }));
+    }
+}
+
+#[test]
+fn units_of_length_become_millimetres() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = encode(&samples(SampleType::U8), Endian::Little);
+    let text = meta_header(SampleType::U8, Endian::Little, "DistanceUnits = um\nElementDataFile = LOCAL\n");
+    let source = open(&write(&folder, "a.mha", &[text.as_bytes(), &bytes]), &OpenOptions::default()).unwrap();
+    assert!(close(source.geometry().spacing(), [0.5e-3, 0.75e-3, 1.25e-3]));
+    assert!(close(source.geometry().origin(), [0.010, -0.020, 0.0305]));
+    let rest = "space units: \"cm\" \"cm\" \"cm\"\nspacings: 1 2 3\nencoding: raw\n\n";
+    let text = nrrd_header(SampleType::U8, Endian::Little, rest);
+    let source = open(&write(&folder, "a.nrrd", &[&text, &bytes]), &OpenOptions::default()).unwrap();
+    assert!(close(source.geometry().spacing(), [10.0, 20.0, 30.0]));
+    let text = nrrd_header(SampleType::U8, Endian::Little, "encoding: raw\n\n");
+    let source = open(&write(&folder, "b.nrrd", &[&text, &bytes]), &OpenOptions::default()).unwrap();
+    assert!(source.notes()[0].contains("1 mm was taken"));
 }

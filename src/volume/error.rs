@@ -1,4 +1,7 @@
 //! Why a volume cannot be read: one variant per failure, with the value, the limit and what to do.
+//!
+//! Each message is complete by itself: what the system or the geometry said stands in it, and is not
+//! given as a source once more.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,7 +11,7 @@ use thiserror::Error;
 use super::SampleType;
 use crate::grid::{GeometryError, VoxelBox};
 
-/// The formats that [`super::open`] knows, as shown to a user.
+/// The formats that [`super::open()`] knows, as shown to a user.
 pub(crate) const KNOWN_FORMATS: &str = "MetaImage (.mha, .mhd), NRRD (.nrrd, .nhdr), TIFF (a multi-page .tif or \
      .tiff, or a folder of numbered slices), and headerless samples when their size and type are given";
 
@@ -22,7 +25,6 @@ pub enum VolumeError {
         /// What was to be read.
         path: PathBuf,
         /// What the system said.
-        #[source]
         error: std::io::Error,
     },
     /// Header values that make no geometry.
@@ -31,7 +33,6 @@ pub enum VolumeError {
         /// The file whose header it is.
         path: PathBuf,
         /// What is wrong with it.
-        #[source]
         error: GeometryError,
     },
     /// A box that is empty or reaches beyond the volume.
