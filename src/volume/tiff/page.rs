@@ -333,7 +333,8 @@ impl<'a> OnePage<'a> {
         let mut start = vec![0; 16];
         let got = file.read_up_to(0, &mut start)?;
         start.truncate(got);
-        let big = start.contains(&43) && (start.get(2) == Some(&43) || start.get(3) == Some(&43));
+        // Version 43, in either byte order: BigTIFF.
+        let big = matches!(start.get(2..4), Some([43, 0] | [0, 43]));
         let offset = if big { 8..16 } else { 4..8 };
         let value = match endian {
             Endian::Little => directory.to_le_bytes()[..offset.len()].to_vec(),
