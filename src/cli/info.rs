@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::input::InputArgs;
 use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
-use crate::volume::{MemorySource, Sample, SampleType, Samples, VolumeError, VolumeSource};
+use crate::volume::{Sample, SampleType, Samples, VolumeError, VolumeSource};
 use crate::with_samples;
 
 /// Arguments of `interfacet info`.
@@ -28,13 +28,18 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     let source = args.input.open()?;
     let grey = Grey::measure(source.as_ref(), execution)?;
     let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey);
-    let mut out = std::io::stdout().lock();
+    let mut out = Vec::new();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &info)?;
         writeln!(out)?;
     } else {
         print(&mut out, &info, columns_of_terminal())?;
         print_materials(&mut out)?;
+    }
+    match std::io::stdout().lock().write_all(&out) {
+        // Whoever reads has seen enough: `interfacet info ... | head`.
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {}
+        result => result?,
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -105,20 +110,14 @@ impl Grey {
 
     /// Reads the whole volume, slab by slab where that is cheap.
     fn measure(source: &dyn VolumeSource, execution: &Execution) -> Result<Self> {
-        let held;
-        let source = if source.cheap_partial_reads() {
-            source
-        } else {
-            held = MemorySource::new(source.geometry().clone(), source.read_all()?)?;
-            &held
-        };
+        let slabs = Slabs::new(source)?;
         let integer = source.sample_type() != SampleType::F32;
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         if integer {
             let low = if source.sample_type() == SampleType::I16 { -32768.0 } else { 0.0 };
             range = [low, low + (Self::FINE - 1) as f64];
         } else {
-            each_slab(source, execution, "finding the grey range", |samples| {
+            slabs.visit(execution, "finding the grey range", |samples| {
                 with_samples!(samples, values => for v in values {
                     let v = f64::from(v.to_f32());
                     range = [range[0].min(v), range[1].max(v)];
@@ -132,7 +131,7 @@ impl Grey {
         // Sums of differences to a value inside the range: no cancellation for far offsets.
         let (mut sum, mut squares) = (0.0, 0.0);
         let middle = if integer { 0.0 } else { 0.5 * (range[0] + range[1]) };
-        each_slab(source, execution, "counting grey values", |samples| {
+        slabs.visit(execution, "counting grey values", |samples| {
             with_samples!(samples, values => for v in values {
                 let v = f64::from(v.to_f32());
                 counts[(((v - range[0]) * scale).round() as usize).min(Self::FINE - 1)] += 1;
@@ -180,26 +179,36 @@ impl Grey {
     }
 }
 
-/// Reads a volume in slabs of some tens of megabytes.
-fn each_slab(
-    source: &dyn VolumeSource,
-    execution: &Execution,
-    stage: &str,
-    mut visit: impl FnMut(&Samples),
-) -> Result<()> {
-    const SLAB: usize = 1 << 25;
-    let size = source.geometry().size();
-    let thick = (SLAB / (size[0] * size[1] * source.sample_type().bytes())).max(1);
-    let stage = execution.stage(stage, size[2] as u64);
-    for z in (0..size[2]).step_by(thick) {
-        execution.check()?;
-        let end = (z + thick).min(size[2]);
-        let part = VoxelBox { low: [0, 0, z], high: [size[0], size[1], end] };
-        let samples: Result<Samples, VolumeError> = source.read(&part);
-        visit(&samples?);
-        stage.advance((end - z) as u64);
+/// A volume to be looked at more than once: in slabs of some tens of megabytes, or, where a part
+/// costs as much as all of it, held in memory.
+struct Slabs<'a> {
+    source: &'a dyn VolumeSource,
+    held: Option<Samples>,
+}
+
+impl<'a> Slabs<'a> {
+    fn new(source: &'a dyn VolumeSource) -> Result<Self, VolumeError> {
+        let held = if source.cheap_partial_reads() { None } else { Some(source.read_all()?) };
+        Ok(Self { source, held })
     }
-    Ok(())
+
+    fn visit(&self, execution: &Execution, stage: &str, mut visit: impl FnMut(&Samples)) -> Result<()> {
+        const SLAB: usize = 1 << 25;
+        if let Some(samples) = &self.held {
+            visit(samples);
+            return Ok(());
+        }
+        let size = self.source.geometry().size();
+        let thick = (SLAB / (size[0] * size[1] * self.source.sample_type().bytes())).max(1);
+        let stage = execution.stage(stage, size[2] as u64);
+        for z in (0..size[2]).step_by(thick) {
+            execution.check()?;
+            let end = (z + thick).min(size[2]);
+            visit(&self.source.read(&VoxelBox { low: [0, 0, z], high: [size[0], size[1], end] })?);
+            stage.advance((end - z) as u64);
+        }
+        Ok(())
+    }
 }
 
 fn columns_of_terminal() -> usize {
@@ -322,6 +331,7 @@ fn bytes(value: usize) -> String {
 mod tests {
     use super::*;
     use crate::grid::Geometry;
+    use crate::volume::MemorySource;
 
     fn measure(samples: Samples) -> Grey {
         let geometry = Geometry::axis_aligned([samples.len(), 1, 1], [1.0; 3]).unwrap();
@@ -356,7 +366,7 @@ mod tests {
 
     #[test]
     fn the_histogram_fits_the_terminal_and_shows_rare_values() {
-        let mut values = vec![10_u8; 100_000];
+        let mut values = vec![10_u8; 30_000];
         values.extend([200, 255]);
         let grey = measure(Samples::U8(values));
         for columns in [10, 40, 80, 500] {

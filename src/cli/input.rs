@@ -120,16 +120,16 @@ impl From<EndianName> for Endian {
 /// A box of voxels whose bounds may be left open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Region {
-    low: [Option<usize>; 3],
-    high: [Option<usize>; 3],
+    low: [Option<u32>; 3],
+    high: [Option<u32>; 3],
 }
 
 impl Region {
     /// The box in a volume of `size` voxels; it may reach beyond it.
     fn within(&self, size: [usize; 3]) -> VoxelBox {
         VoxelBox {
-            low: self.low.map(|v| v.unwrap_or(0)),
-            high: std::array::from_fn(|a| self.high[a].unwrap_or(size[a])),
+            low: self.low.map(|v| v.map_or(0, |v| v as usize)),
+            high: std::array::from_fn(|a| self.high[a].map_or(size[a], |v| v as usize)),
         }
     }
 }

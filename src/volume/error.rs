@@ -1,4 +1,7 @@
 //! Why a volume cannot be read: one variant per failure, with the value, the limit and what to do.
+//!
+//! Each message is complete by itself: what the system or the geometry said stands in it, and is not
+//! given as a source once more.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,7 +11,7 @@ use thiserror::Error;
 use super::SampleType;
 use crate::grid::{GeometryError, VoxelBox};
 
-/// The formats that [`super::open`] knows, as shown to a user.
+/// The formats that [`super::open()`] knows, as shown to a user.
 pub(crate) const KNOWN_FORMATS: &str = "MetaImage (.mha, .mhd), NRRD (.nrrd, .nhdr), TIFF (a multi-page .tif or \
      .tiff, or a folder of numbered slices), and headerless samples when their size and type are given";
 
@@ -22,7 +25,6 @@ pub enum VolumeError {
         /// What was to be read.
         path: PathBuf,
         /// What the system said.
-        #[source]
         error: std::io::Error,
     },
     /// Header values that make no geometry.
@@ -31,7 +33,6 @@ pub enum VolumeError {
         /// The file whose header it is.
         path: PathBuf,
         /// What is wrong with it.
-        #[source]
         error: GeometryError,
     },
     /// A box that is empty or reaches beyond the volume.
@@ -122,7 +123,11 @@ pub enum VolumeError {
         got: u64,
     },
     /// More bytes than the header asks for.
-    #[error("{}: {extra} bytes follow the {needed} bytes of samples that size and type ask for: one of them is wrong, or the samples do not begin where the header says", path.display())]
+    #[error(
+        "{}: size and type ask for {needed} bytes of samples, but {extra} or more bytes follow them: one of \
+         the two is wrong, or the samples begin elsewhere than the header says",
+        path.display()
+    )]
     Excess {
         /// The file with the samples.
         path: PathBuf,

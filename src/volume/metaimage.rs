@@ -12,6 +12,7 @@ use super::collect::Endian;
 use super::header::{Fields, HeaderLines, shortened};
 use super::positioned::PositionedFile;
 use super::raw::{RawSource, sample_bytes};
+use super::source::SPACING_ASSUMED;
 use super::stream::{Skip, StreamExtent, StreamSource};
 use super::{SampleType, VolumeError, VolumeSource};
 use crate::grid::Geometry;
@@ -111,7 +112,7 @@ fn geometry(fields: &Fields, notes: &mut Vec<String>) -> Result<Geometry, Volume
     let mm = fields.millimetres("DistanceUnits", unit)?;
     let spacing = fields.numbers(&["ElementSpacing"])?.or(fields.numbers(&["ElementSize"])?);
     if spacing.is_none() {
-        notes.push("the header gives no spacing: 1 mm was taken".into());
+        notes.push(SPACING_ASSUMED.to_owned());
     }
     let origin = fields.numbers(&["Offset", "Position", "Origin"])?.unwrap_or([0.0; 3]);
     let matrix = fields.numbers(&["TransformMatrix", "Orientation", "Rotation"])?;

@@ -1,11 +1,13 @@
 //! Grey values: the [`VolumeSource`] trait, its readers, and samples in memory.
 //!
-//! [`open`] reads MetaImage, NRRD, TIFF (multi-page files and folders of slices) and headerless
+//! [`open()`] reads MetaImage, NRRD, TIFF (multi-page files and folders of slices) and headerless
 //! samples. All readers hold to the same rules: a header is checked against the file before memory
 //! is taken, memory grows only with data that is really there, what is not read is refused by name,
 //! and no sample that is not finite ever comes out.
 
 mod collect;
+#[cfg(test)]
+mod conformance;
 mod error;
 mod finite;
 mod header;

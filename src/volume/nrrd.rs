@@ -14,6 +14,7 @@ use super::collect::Endian;
 use super::header::{Fields, HeaderLines, shortened};
 use super::positioned::{PositionedFile, io_error};
 use super::raw::{RawSource, sample_bytes};
+use super::source::SPACING_ASSUMED;
 use super::stream::{Skip, StreamExtent, StreamSource};
 use super::{MemorySource, SampleType, Samples, VolumeError, VolumeSource};
 use crate::grid::Geometry;
@@ -189,7 +190,7 @@ fn geometry(fields: &Fields, notes: &mut Vec<String>) -> Result<Geometry, Volume
         None => {
             let spacing = fields.numbers(&["spacings"])?;
             if spacing.is_none() {
-                notes.push("the header gives no spacing: 1 mm was taken".into());
+                notes.push(SPACING_ASSUMED.to_owned());
             }
             (spacing.unwrap_or([1.0; 3]), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
         }
@@ -207,12 +208,15 @@ fn scale(fields: &Fields) -> Result<[f64; 3], VolumeError> {
         return Ok([1.0; 3]);
     };
     let units: Vec<&str> = value.split_ascii_whitespace().collect();
-    let scale: Vec<f64> =
-        units.iter().map(|unit| fields.millimetres(name, unit)).collect::<Result<_, _>>()?;
-    match <[f64; 3]>::try_from(scale) {
-        Ok(scale @ [a, b, c]) if name == "units" || (a == b && b == c) => Ok(scale),
-        _ => Err(fields.bad(name, value, "the same unit three times")),
+    // Space units are those of world axes: only equal ones are a scale of the whole.
+    if units.len() != 3 || (name == "space units" && units.iter().any(|unit| *unit != units[0])) {
+        return Err(fields.bad(name, value, "the same unit three times"));
     }
+    Ok([
+        fields.millimetres(name, units[0])?,
+        fields.millimetres(name, units[1])?,
+        fields.millimetres(name, units[2])?,
+    ])
 }
 
 /// `(x,y,z)`.

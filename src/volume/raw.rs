@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::collect::{Collector, Endian};
 use super::positioned::PositionedFile;
-use super::source::check_box;
+use super::source::{SPACING_ASSUMED, check_box};
 use super::{SampleType, Samples, VolumeError, VolumeSource};
 use crate::grid::{Geometry, VoxelBox};
 
@@ -45,7 +45,8 @@ pub(crate) fn open(path: &Path, layout: &RawLayout) -> Result<RawSource, VolumeE
     if extra > 0 {
         return Err(VolumeError::Excess { path: path.to_owned(), needed, extra });
     }
-    RawSource::new(file, geometry, layout.sample_type, layout.endian, layout.offset)
+    let source = RawSource::new(file, geometry, layout.sample_type, layout.endian, layout.offset)?;
+    Ok(source.with_notes(vec![SPACING_ASSUMED.to_owned()]))
 }
 
 /// Bytes that the samples of a volume take, uncompressed.

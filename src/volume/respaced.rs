@@ -1,5 +1,6 @@
 //! A volume whose spacing the user knows better than its file.
 
+use super::source::SPACING_ASSUMED;
 use super::{SampleType, Samples, VolumeError, VolumeSource};
 use crate::grid::{Geometry, GeometryError, VoxelBox};
 
@@ -41,11 +42,14 @@ impl VolumeSource for Respaced {
     fn notes(&self) -> Vec<String> {
         let mut notes = self.source.notes();
         let text = |[x, y, z]: [f64; 3]| format!("{x} x {y} x {z} mm");
-        notes.push(format!(
-            "the spacing was given as {}, in place of {}",
-            text(self.geometry.spacing()),
-            text(self.source.geometry().spacing())
-        ));
+        let given = text(self.geometry.spacing());
+        match notes.iter().position(|note| note == SPACING_ASSUMED) {
+            Some(assumed) => notes[assumed] = format!("the spacing {given} was given; the file has none"),
+            None => {
+                let own = text(self.source.geometry().spacing());
+                notes.push(format!("the spacing {given} was given, in place of the file's {own}"));
+            }
+        }
         notes
     }
 }

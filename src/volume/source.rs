@@ -4,6 +4,9 @@ use super::finite::check_finite;
 use super::{SampleType, Samples, VolumeError};
 use crate::grid::{Geometry, VoxelBox};
 
+/// The note of a source whose file says nothing about spacing.
+pub(crate) const SPACING_ASSUMED: &str = "the file gives no spacing that could be relied on: 1 mm was taken";
+
 /// A volume of grey values from which any box can be read, from any thread.
 ///
 /// No source ever yields a sample that is not finite.

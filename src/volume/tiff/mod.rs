@@ -33,9 +33,6 @@ pub(crate) fn is_tiff(start: &[u8]) -> bool {
     [&b"II*\0"[..], b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(magic))
 }
 
-/// What every report on a TIFF volume should say.
-const NO_SPACING: &str = "a TIFF gives no reliable spacing: 1 mm was taken";
-
 /// Reads a box of slices: `rows(z)` gives the bytes of the box's part of slice z.
 fn read_slices(
     part: &VoxelBox,

@@ -13,15 +13,12 @@ use super::directory::{Directory, malformed, tag};
 use crate::volume::collect::Endian;
 use crate::volume::positioned::PositionedFile;
 use crate::volume::raw::Rows;
+use crate::volume::stream::DEFLATE_LIMIT;
 use crate::volume::{SampleType, VolumeError};
 
 /// What a writer could use instead of something unsupported.
 const SUPPORTED: &str = "grey pages of one channel (black is zero, not turned), of 8- or 16-bit unsigned, \
      16-bit signed or 32-bit floating-point samples, uncompressed or compressed by LZW, deflate or PackBits";
-
-/// LZW, the most generous of the compressions read, makes at most this of one byte: a code of
-/// twelve bits stands for at most 4096 samples of a byte.
-const EXPANSION_LIMIT: u64 = 4096;
 
 /// No tile or strip that is decoded at once is larger than this many bytes: a page of
 /// 32768 x 8192 samples of 32 bits.
@@ -43,8 +40,9 @@ enum Data {
     /// Uncompressed strips of `rows` rows each, at these offsets. One offset stands for strips that
     /// lie one behind the other.
     Strips { offsets: Vec<u64>, rows: usize },
-    /// Compressed strips, or tiles, of the directory at this offset.
-    Chunks { directory: u64, width: usize, height: usize },
+    /// Compressed strips, or tiles, of the directory at this offset. `expansion`: bytes that its
+    /// compression can make of one.
+    Chunks { directory: u64, width: usize, height: usize, expansion: u64 },
 }
 
 impl Page {
@@ -81,6 +79,15 @@ impl Page {
         }
     }
 
+    /// Bytes that this page must take in its file at least.
+    pub(super) fn least_bytes(&self) -> u64 {
+        let bytes = self.width as u64 * self.height as u64 * self.sample.bytes() as u64;
+        match self.data {
+            Data::Strips { .. } => bytes,
+            Data::Chunks { expansion, .. } => bytes / expansion,
+        }
+    }
+
     /// The samples of some columns of some lines, as bytes, and their byte order.
     pub(super) fn read(
         &self,
@@ -93,7 +100,7 @@ impl Page {
                 let bytes = self.read_strips(file, offsets, *rows, columns, lines)?;
                 Ok((bytes, self.endian))
             }
-            Data::Chunks { directory, width, height } => {
+            Data::Chunks { directory, width, height, .. } => {
                 let bytes = self.decode(file, *directory, [*width, *height], columns, lines)?;
                 Ok((bytes, Endian::NATIVE))
             }
@@ -144,7 +151,6 @@ impl Page {
         let bytes = self.sample.bytes();
         let across = self.width.div_ceil(chunk[0]);
         let mut out = Vec::new();
-        let mut decoded = Vec::new();
         for band in lines.start / chunk[1]..lines.end.div_ceil(chunk[1]) {
             let top = band * chunk[1];
             let rows = lines.start.max(top)..lines.end.min(top + chunk[1]);
@@ -154,8 +160,7 @@ impl Page {
                 let index =
                     u32::try_from(band * across + tile).map_err(|_| malformed(file, "too many tiles"))?;
                 let layout = decoder.image_chunk_buffer_layout(index).map_err(fail)?;
-                decoded.clear();
-                decoded.resize(layout.len, 0);
+                let mut decoded = vec![0; layout.len];
                 decoder.read_chunk_bytes(index, &mut decoded).map_err(fail)?;
                 // Only now, that data really came out, room is made for it.
                 out.resize(begin + rows.len() * out_row, 0);
@@ -226,16 +231,22 @@ fn data(
     let file = directory.file();
     let row = width as u64 * sample.bytes() as u64;
     let compression = directory.number(tag::COMPRESSION, 1)?;
-    match compression {
-        1 | 5 | 8 | 32773 | 32946 => {}
-        2..=4 => return Err(unsupported(directory, "fax compression".into())),
-        6 | 7 => return Err(unsupported(directory, "JPEG compression".into())),
-        50000 => return Err(unsupported(directory, "Zstandard compression".into())),
-        other => return Err(unsupported(directory, format!("compression {other}"))),
-    }
+    let refuse = |feature: String| Err(unsupported(directory, feature));
+    let expansion = match compression {
+        1 => 1,
+        // A code of at least nine bits stands for at most 4096 bytes.
+        5 => 4096,
+        8 | 32946 => DEFLATE_LIMIT,
+        // Two bytes stand for at most 128.
+        32773 => 64,
+        2..=4 => return refuse("fax compression".into()),
+        6 | 7 => return refuse("JPEG compression".into()),
+        50000 => return refuse("Zstandard compression".into()),
+        other => return refuse(format!("compression {other}")),
+    };
     let predictor = directory.number(tag::PREDICTOR, 1)?;
     if compression == 1 && predictor != 1 {
-        return Err(unsupported(directory, format!("predictor {predictor} without compression")));
+        return refuse(format!("predictor {predictor} without compression"));
     }
     let tiles = directory.numbers(tag::TILE_OFFSETS)?;
     let tiled = !tiles.is_empty();
@@ -267,17 +278,18 @@ fn data(
     }
     let largest = chunk[0] as u64 * chunk[1] as u64 * sample.bytes() as u64;
     if largest > LARGEST_CHUNK {
-        return Err(unsupported(directory, format!("a strip or tile of {largest} bytes")));
+        return refuse(format!("a strip or tile of {largest} bytes"));
     }
-    // Whatever the tiles' lengths claim, they are in this file.
-    let compressed = lengths.iter().fold(0, |sum: u64, len| sum.saturating_add(*len)).min(file.len());
-    let most = if compression == 1 { compressed } else { compressed.saturating_mul(EXPANSION_LIMIT) };
-    let page = row * height as u64;
-    if most < page || file.len().saturating_mul(EXPANSION_LIMIT) < largest {
-        let needed = page.max(largest);
-        return Err(VolumeError::Truncated { path: file.path().to_owned(), needed, got: most });
+    // Each strip or tile must be able to hold what is to come out of it, before room is made for it.
+    for (i, length) in lengths.iter().enumerate() {
+        let rows = if tiled { chunk[1] } else { chunk[1].min(height - i * chunk[1]) };
+        let needed = chunk[0] as u64 * rows as u64 * sample.bytes() as u64;
+        let got = (*length).min(file.len()).saturating_mul(expansion);
+        if got < needed {
+            return Err(VolumeError::Truncated { path: file.path().to_owned(), needed, got });
+        }
     }
-    Ok(Data::Chunks { directory: at, width: chunk[0], height: chunk[1] })
+    Ok(Data::Chunks { directory: at, width: chunk[0], height: chunk[1], expansion })
 }
 
 /// Uncompressed strips, which must all lie inside the file.
@@ -321,7 +333,8 @@ impl<'a> OnePage<'a> {
         let mut start = vec![0; 16];
         let got = file.read_up_to(0, &mut start)?;
         start.truncate(got);
-        let big = start.contains(&43) && (start.get(2) == Some(&43) || start.get(3) == Some(&43));
+        // Version 43, in either byte order: BigTIFF.
+        let big = matches!(start.get(2..4), Some([43, 0] | [0, 43]));
         let offset = if big { 8..16 } else { 4..8 };
         let value = match endian {
             Endian::Little => directory.to_le_bytes()[..offset.len()].to_vec(),

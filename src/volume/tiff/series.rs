@@ -7,10 +7,10 @@
 use std::path::{Path, PathBuf};
 
 use super::page::Page;
-use super::{NO_SPACING, read_slices, stack};
+use super::{read_slices, stack};
 use crate::grid::{Geometry, VoxelBox};
 use crate::volume::positioned::{PositionedFile, io_error};
-use crate::volume::source::check_box;
+use crate::volume::source::{SPACING_ASSUMED, check_box};
 use crate::volume::{SampleType, Samples, VolumeError, VolumeSource};
 
 /// A folder of slices.
@@ -161,7 +161,7 @@ impl VolumeSource for SeriesSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec![NO_SPACING.to_owned()]
+        vec![SPACING_ASSUMED.to_owned()]
     }
 }
 

@@ -9,11 +9,11 @@ use std::path::Path;
 
 use super::directory::{Directory, FileHeader, malformed, tag};
 use super::page::Page;
-use super::{NO_SPACING, read_slices};
+use super::read_slices;
 use crate::grid::{Geometry, VoxelBox};
 use crate::volume::positioned::PositionedFile;
 use crate::volume::raw::RawSource;
-use crate::volume::source::check_box;
+use crate::volume::source::{SPACING_ASSUMED, check_box};
 use crate::volume::{SampleType, Samples, VolumeError, VolumeSource};
 
 /// A multi-page TIFF.
@@ -65,7 +65,7 @@ pub(crate) fn open_file(path: &Path) -> Result<Box<dyn VolumeSource>, VolumeErro
         };
         let (geometry, sample, endian) = (geometry(imagej.images)?, first.sample, first.endian);
         let source = RawSource::within(file, geometry, sample, endian, offset)?;
-        return Ok(Box::new(source.with_notes(vec![NO_SPACING.to_owned()])));
+        return Ok(Box::new(source.with_notes(vec![SPACING_ASSUMED.to_owned()])));
     }
     let geometry = geometry(pages.len())?;
     Ok(Box::new(StackSource { file, geometry, pages }))
@@ -89,6 +89,11 @@ pub(super) fn read_pages(file: &PositionedFile) -> Result<(Vec<Page>, String), V
         }
         pages.push(Page::new(&directory, next)?);
         next = directory.next;
+    }
+    // Pages may share their samples, but a few bytes that are shown as a thousand pages are a trap.
+    let needed = pages.iter().fold(0, |sum: u64, page| sum.saturating_add(page.least_bytes()));
+    if needed > file.len() {
+        return Err(VolumeError::Truncated { path: file.path().to_owned(), needed, got: file.len() });
     }
     Ok((pages, description))
 }
@@ -138,6 +143,6 @@ impl VolumeSource for StackSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec![NO_SPACING.to_owned()]
+        vec![SPACING_ASSUMED.to_owned()]
     }
 }
