@@ -65,9 +65,9 @@ pub(crate) struct Args {
     #[arg(long)]
     list: bool,
     #[command(flatten)]
-    object: ObjectArgs,
+    object: Box<ObjectArgs>,
     #[command(flatten)]
-    image: ImageArgs,
+    image: Box<ImageArgs>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -201,10 +201,8 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
 
     writeln!(stdout, "{}: {}", name.name(), name.description())?;
     for (material, topology) in phantom.materials().materials().iter().zip(phantom.truth().topology()) {
-        let volume = phantom
-            .truth()
-            .volume(material.id)
-            .map_or_else(String::new, |v| format!(", {v:.3} mm³"));
+        let volume =
+            phantom.truth().volume(material.id).map_or_else(String::new, |v| format!(", {v:.3} mm³"));
         writeln!(
             stdout,
             "  material {} {}: grey {}{volume}; shell of {} component(s), Euler characteristic {}",

@@ -87,14 +87,12 @@ pub fn write(
                 let (voxels, compressed) = encoded(samples, options.compress)?;
                 size = compressed;
                 match voxels {
-                Some(bytes) => file.write_all(&bytes),
-                None => raw(samples, file),
-            }
+                    Some(bytes) => file.write_all(&bytes),
+                    None => raw(samples, file),
+                }
             })?;
             let name = data.file_name().map(OsString::from).unwrap_or_default();
-            aside(path, |file| {
-                header(file, geometry, samples.sample_type(), size, &name.to_string_lossy())
-            })
+            aside(path, |file| header(file, geometry, samples.sample_type(), size, &name.to_string_lossy()))
         }
         _ => Err(MetaImageError::Extension { path: path.to_owned() }),
     }

@@ -270,10 +270,7 @@ fn bolt_in_plate() -> Blueprint {
     let in_plate = shank_area * (under + reach) + head_area * (reach - under);
     Blueprint {
         scene,
-        volumes: vec![
-            4.0 * 2.0 * half - in_plate,
-            shank_area * (under - end) + head_area * (top - under),
-        ],
+        volumes: vec![4.0 * 2.0 * half - in_plate, shank_area * (under - end) + head_area * (top - under)],
         topology: vec![BALL, TORUS, BALL],
     }
 }
@@ -338,11 +335,7 @@ fn four_materials() -> Blueprint {
     scene.solid(2, &[&sector(q, r)]);
     scene.solid(3, &[&[Side(wall, true), Side(low, true), Side(floor, true)]]);
     let third = PI / 3.0 * (top - middle);
-    Blueprint {
-        scene,
-        volumes: vec![third, third, PI * (middle - bottom)],
-        topology: vec![BALL; 4],
-    }
+    Blueprint { scene, volumes: vec![third, third, PI * (middle - bottom)], topology: vec![BALL; 4] }
 }
 
 fn thin_plate(thickness: f64) -> Blueprint {

@@ -130,9 +130,7 @@ impl Curve {
             Self::Ellipse { .. } => {
                 // The midpoint rule converges very fast on a smooth, nearly constant speed.
                 let width = (high - low) / 2000.0;
-                (0..2000)
-                    .map(|k| width * self.tangent(low + (f64::from(k) + 0.5) * width).length())
-                    .sum()
+                (0..2000).map(|k| width * self.tangent(low + (f64::from(k) + 0.5) * width).length()).sum()
             }
         }
     }

@@ -143,9 +143,7 @@ fn scale(options: &PhantomOptions, geometry: &Geometry, rotation: &DMat3) -> f64
     let side = (0..3).map(|a| options.size[a] as f64 * spacing[a]).fold(f64::INFINITY, f64::min);
     let reach = match options.scene.bounds() {
         catalogue::Bounds::Ball(radius) => radius,
-        catalogue::Bounds::Box(half) => (0..3)
-            .map(|a| rotation.row(a).abs().dot(half))
-            .fold(0.0, f64::max),
+        catalogue::Bounds::Box(half) => (0..3).map(|a| rotation.row(a).abs().dot(half)).fold(0.0, f64::max),
     };
     0.5 * options.fill * side / reach
 }

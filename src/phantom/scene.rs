@@ -55,8 +55,7 @@ impl Scene {
         let axes = [DVec3::X, DVec3::Y, DVec3::Z];
         std::array::from_fn(|k| {
             let (a, upper) = (k / 2, k % 2 == 1);
-            let surface =
-                if upper { self.plane(axes[a], high[a]) } else { self.plane(-axes[a], -low[a]) };
+            let surface = if upper { self.plane(axes[a], high[a]) } else { self.plane(-axes[a], -low[a]) };
             Side(surface, true)
         })
     }

@@ -39,10 +39,17 @@ fn closest_points_lie_between_the_pairs_materials_and_beat_dense_samples() {
                 // Both materials occur in any small ball around the closest point.
                 let around: Vec<MaterialId> =
                     probes.iter().map(|p| truth.material_at(closest.point + 1e-4 * *p)).collect();
-                assert!(around.contains(&pair.back()) && around.contains(&pair.front()), "{scene:?} {pair:?}");
+                assert!(
+                    around.contains(&pair.back()) && around.contains(&pair.front()),
+                    "{scene:?} {pair:?}"
+                );
                 let dense = own.iter().map(|p| (*p - q).length()).fold(f64::INFINITY, f64::min);
                 assert!(closest.distance <= dense + 1e-9, "{scene:?} {pair:?} {} {dense}", closest.distance);
-                assert!(dense <= closest.distance + 1.5 * step, "{scene:?} {pair:?} {} {dense}", closest.distance);
+                assert!(
+                    dense <= closest.distance + 1.5 * step,
+                    "{scene:?} {pair:?} {} {dense}",
+                    closest.distance
+                );
                 // A point of one of the two materials is on that material's side.
                 let here = truth.material_at(q);
                 if here == pair.front() && closest.distance > 1e-6 && truth.closest_junction(q).is_none() {
@@ -148,11 +155,12 @@ fn grey_values_sum_up_to_the_exact_volumes() {
         let samples = phantom.rasterise(&Execution::default()).unwrap();
         let means = phantom.materials().materials();
         let sum: f64 = (0..samples.len()).map(|i| f64::from(samples.get(i)) - means[0].mean).sum();
-        let exact: f64 = means[1..]
-            .iter()
-            .map(|m| phantom.truth().volume(m.id).unwrap() * (m.mean - means[0].mean))
-            .sum();
-        assert!((sum * phantom.geometry().voxel_volume() / exact - 1.0).abs() < 3e-5, "{scene:?} {sum} {exact}");
+        let exact: f64 =
+            means[1..].iter().map(|m| phantom.truth().volume(m.id).unwrap() * (m.mean - means[0].mean)).sum();
+        assert!(
+            (sum * phantom.geometry().voxel_volume() / exact - 1.0).abs() < 3e-5,
+            "{scene:?} {sum} {exact}"
+        );
     }
 }
 

@@ -96,7 +96,8 @@ impl Truth {
         topology: Vec<Topology>,
     ) -> Result<Self, PhantomError> {
         let pieces = pieces(&scene, (ball.0, ball.1 * 1.01))?;
-        let mut truth = Self { scene, ball, volumes, topology, pieces, points: Vec::new(), pairs: Vec::new() };
+        let mut truth =
+            Self { scene, ball, volumes, topology, pieces, points: Vec::new(), pairs: Vec::new() };
         truth.points = truth.find_points();
         let step = 0.02 * ball.1;
         let mut pairs: Vec<Pair> = truth.all_samples(step).into_iter().map(|s| s.0).collect();
@@ -228,7 +229,8 @@ impl Truth {
                 Surface::Sphere { centre, radius } => {
                     let rings = (std::f64::consts::PI * radius / step).ceil().max(4.0);
                     for i in 0..rings as usize {
-                        let (low, high) = (-1.0 + 2.0 * i as f64 / rings, -1.0 + 2.0 * (i as f64 + 1.0) / rings);
+                        let (low, high) =
+                            (-1.0 + 2.0 * i as f64 / rings, -1.0 + 2.0 * (i as f64 + 1.0) / rings);
                         let z: f64 = 0.5 * (low + high);
                         let r = (1.0 - z * z).sqrt();
                         let count = (TAU * r * radius / step).ceil().max(3.0);
@@ -267,7 +269,9 @@ impl Truth {
             for p in [piece.curve.at(piece.low), piece.curve.at(piece.high)] {
                 let mut around: Vec<MaterialId> = self
                     .junctions()
-                    .filter(|other| (other.curve.at(other.curve.closest(p, other.low, other.high)) - p).length() < eps)
+                    .filter(|other| {
+                        (other.curve.at(other.curve.closest(p, other.low, other.high)) - p).length() < eps
+                    })
                     .flat_map(|other| other.materials.iter().copied())
                     .collect();
                 around.sort_unstable();
@@ -315,9 +319,8 @@ fn pieces(scene: &Scene, ball: (DVec3, f64)) -> Result<Vec<CurvePiece>, PhantomE
                         s.signed_distance(p).abs() < 1e-9 * ball.1
                     })
                 };
-                let containing: Vec<usize> = (0..surfaces.len())
-                    .filter(|&k| k == first || k == second || on(&surfaces[k]))
-                    .collect();
+                let containing: Vec<usize> =
+                    (0..surfaces.len()).filter(|&k| k == first || k == second || on(&surfaces[k])).collect();
                 // A curve on three surfaces appears for each two of them: keep the first time.
                 if containing[..2] != [first, second] {
                     continue;

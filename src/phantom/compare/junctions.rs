@@ -72,12 +72,11 @@ pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) ->
         })
         .filter_map(|(p, weight)| truth.closest_junction(p).map(|(_, signed)| Sample { signed, weight }))
         .collect();
-    let backward: Vec<Sample> =
-        Segments::new(mesh.positions(), edges).map_or_else(Vec::new, |segments| {
-            let points: Vec<(DVec3, f64)> =
-                truth.junctions().flat_map(|j| j.curve.samples(j.low, j.high, lengths.step)).collect();
-            points.par_iter().map(|&(p, weight)| Sample { signed: segments.distance(p), weight }).collect()
-        });
+    let backward: Vec<Sample> = Segments::new(mesh.positions(), edges).map_or_else(Vec::new, |segments| {
+        let points: Vec<(DVec3, f64)> =
+            truth.junctions().flat_map(|j| j.curve.samples(j.low, j.high, lengths.step)).collect();
+        points.par_iter().map(|&(p, weight)| Sample { signed: segments.distance(p), weight }).collect()
+    });
     Some(JunctionComparison {
         mesh_length,
         truth_length,

@@ -14,6 +14,7 @@
 //! Guaranteed: the same figures for any number of threads. Not covered: whether the mesh is closed or
 //! crosses itself; that is the mesh check's work.
 
+mod error_ply;
 mod junctions;
 mod nearest;
 mod shells;

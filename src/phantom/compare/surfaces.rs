@@ -134,9 +134,8 @@ fn is_clear(truth: &Truth, p: DVec3, clear: f64) -> bool {
 }
 
 fn split(samples: &[Placed], voxel: f64) -> Split {
-    let part = |keep: fn(bool) -> bool| {
-        Distances::of(samples.iter().filter(|s| keep(s.1)).map(|s| s.0), voxel)
-    };
+    let part =
+        |keep: fn(bool) -> bool| Distances::of(samples.iter().filter(|s| keep(s.1)).map(|s| s.0), voxel);
     Split { all: part(|_| true), clear: part(|clear| clear), near: part(|clear| !clear) }
 }
 
@@ -149,7 +148,8 @@ fn parts([a, b, c]: [DVec3; 3], step: f64) -> impl Iterator<Item = (DVec3, f64)>
     let weight = area([a, b, c]) / (m * m) as f64;
     (0..m).flat_map(move |i| {
         let upright = (0..m - i).map(move |j| (i as f64 + 1.0 / 3.0, j as f64 + 1.0 / 3.0));
-        let inverted = (0..(m - i).saturating_sub(1)).map(move |j| (i as f64 + 2.0 / 3.0, j as f64 + 2.0 / 3.0));
+        let inverted =
+            (0..(m - i).saturating_sub(1)).map(move |j| (i as f64 + 2.0 / 3.0, j as f64 + 2.0 / 3.0));
         upright.chain(inverted).map(move |(i, j)| (a + i * u + j * v, weight))
     })
 }
@@ -163,9 +163,9 @@ fn forward(
     out: &mut Surfaces,
 ) -> Vec<Placed> {
     let place = |p: DVec3, weight: f64| {
-        truth.closest(pair, p).map(|found| {
-            (Sample { signed: found.signed(), weight }, is_clear(truth, p, lengths.clear))
-        })
+        truth
+            .closest(pair, p)
+            .map(|found| (Sample { signed: found.signed(), weight }, is_clear(truth, p, lengths.clear)))
     };
     let mut samples: Vec<Placed> = own
         .par_iter()
