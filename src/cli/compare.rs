@@ -118,6 +118,10 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
             "\njunction curves: {:.2} mm in the mesh, {:.2} mm in the truth",
             junctions.mesh_length, junctions.truth_length
         )?;
+        if junctions.touching_edges > 0 {
+            let count = junctions.touching_edges;
+            writeln!(out, "{count} edges where sheets of one interface touch are not counted")?;
+        }
         row(out, "mesh to truth", junctions.mesh_to_truth.as_ref())?;
         row(out, "truth to mesh", junctions.truth_to_mesh.as_ref())?;
     }

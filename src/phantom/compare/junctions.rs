@@ -16,6 +16,9 @@ use crate::phantom::Truth;
 pub struct JunctionComparison {
     /// Length of the mesh's junction curves, mm.
     pub mesh_length: f64,
+    /// Edges of two materials but three or more triangles, where sheets of one interface touch: not counted as
+    /// junction curves.
+    pub touching_edges: usize,
     /// Length of the true ones, mm.
     pub truth_length: f64,
     /// From the mesh's to the true ones; `None` if the mesh or the truth has none.
@@ -24,8 +27,16 @@ pub struct JunctionComparison {
     pub truth_to_mesh: Option<Distances>,
 }
 
-/// Mesh edges at which three or more triangles or materials meet, without those on the volume's border.
-pub(super) fn edges(mesh: &InterfaceMesh) -> Vec<[u32; 2]> {
+/// Edges of a mesh at which more than two triangles or materials meet, without those on the volume's border.
+#[derive(Default)]
+pub(super) struct Edges {
+    /// Three or more materials: on a junction curve.
+    pub(super) junction: Vec<[u32; 2]>,
+    /// Two materials, but three or more triangles: sheets of one interface that touch.
+    pub(super) touching: usize,
+}
+
+pub(super) fn edges(mesh: &InterfaceMesh) -> Edges {
     let mut sides: Vec<([u32; 2], u32)> = mesh
         .triangles()
         .iter()
@@ -35,30 +46,35 @@ pub(super) fn edges(mesh: &InterfaceMesh) -> Vec<[u32; 2]> {
         })
         .collect();
     sides.par_sort_unstable();
-    sides
-        .chunk_by(|a, b| a.0 == b.0)
-        .filter(|around| {
-            let mut materials: Vec<MaterialId> = around
-                .iter()
-                .flat_map(|(_, t)| {
-                    let pair = mesh.pairs()[*t as usize];
-                    [pair.back(), pair.front()]
-                })
-                .collect();
-            materials.sort_unstable();
-            materials.dedup();
-            (around.len() >= 3 || materials.len() >= 3) && !materials.contains(&MaterialId::OUTSIDE)
-        })
-        .map(|around| around[0].0)
-        .collect()
+    let mut out = Edges::default();
+    for around in sides.chunk_by(|a, b| a.0 == b.0) {
+        let mut materials: Vec<MaterialId> = around
+            .iter()
+            .flat_map(|(_, t)| {
+                let pair = mesh.pairs()[*t as usize];
+                [pair.back(), pair.front()]
+            })
+            .collect();
+        materials.sort_unstable();
+        materials.dedup();
+        if materials.contains(&MaterialId::OUTSIDE) {
+            continue;
+        }
+        if materials.len() >= 3 {
+            out.junction.push(around[0].0);
+        } else if around.len() >= 3 {
+            out.touching += 1;
+        }
+    }
+    out
 }
 
 pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) -> Option<JunctionComparison> {
-    let edges = edges(mesh);
+    let Edges { junction: edges, touching } = edges(mesh);
     let length = |[p, q]: [u32; 2]| (mesh.positions()[p as usize] - mesh.positions()[q as usize]).length();
     let mesh_length = edges.iter().map(|e| length(*e)).sum();
     let truth_length = truth.junction_length();
-    if edges.is_empty() && truth.junctions().next().is_none() {
+    if edges.is_empty() && touching == 0 && truth.junctions().next().is_none() {
         return None;
     }
     let forward: Vec<Sample> = edges
@@ -79,6 +95,7 @@ pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) ->
     });
     Some(JunctionComparison {
         mesh_length,
+        touching_edges: touching,
         truth_length,
         mesh_to_truth: Distances::of(forward.into_iter(), lengths.voxel),
         truth_to_mesh: Distances::of(backward.into_iter(), lengths.voxel),

@@ -135,10 +135,77 @@ fn a_fan_on_a_true_junction_circle_has_a_junction_distance_of_the_chords_only() 
         }
     }
     let mesh = mesh_of(&phantom, positions, triangles, pairs);
-    let rim: Vec<[u32; 2]> = junctions::edges(&mesh).into_iter().filter(|e| e[0] > 0).collect();
+    let rim: Vec<[u32; 2]> = junctions::edges(&mesh).junction.into_iter().filter(|e| e[0] > 0).collect();
     assert_eq!(rim.len(), n as usize);
     let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
     let junctions = found.junctions.unwrap();
     assert!(junctions.truth_to_mesh.unwrap().mm.max < 2e-3);
     assert!(junctions.mesh_to_truth.unwrap().mm.max > 1.0, "the spokes are not on the circle");
+}
+
+/// The faces between lattice cubes of different materials: rough, but with the right topology.
+fn blocks(phantom: &Phantom) -> InterfaceMesh {
+    let n = 48_u32;
+    let at = |i: [u32; 3]| phantom.truth().material_at(DVec3::from(i.map(f64::from)));
+    let id = |i: [u32; 3]| (i[2] * (n + 1) + i[1]) * (n + 1) + i[0];
+    let mut index = std::collections::BTreeMap::new();
+    let (mut positions, mut triangles, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+    for (axis, i) in (0..3).flat_map(|a| (0..n.pow(3)).map(move |i| (a, [i % n, i / n % n, i / n / n]))) {
+        let mut next = i;
+        next[axis] += 1;
+        if next[axis] == n {
+            continue;
+        }
+        let Some(pair) = Pair::new(at(i), at(next)) else { continue };
+        // The cube of voxel i reaches from corner i to corner i + 1.
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut ring = [next; 4];
+        ring[1][u] += 1;
+        ring[2][u] += 1;
+        ring[2][v] += 1;
+        ring[3][v] += 1;
+        if pair.back() != at(i) {
+            ring.reverse();
+        }
+        let corners = ring.map(|c| {
+            *index.entry(id(c)).or_insert_with(|| {
+                positions.push(DVec3::from(c.map(f64::from)) - 0.5);
+                positions.len() as u32 - 1
+            })
+        });
+        triangles.extend([[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]);
+        pairs.extend([pair; 2]);
+    }
+    mesh_of(phantom, positions, triangles, pairs)
+}
+
+#[test]
+fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
+    for scene in SceneName::ALL {
+        let phantom = phantom(scene, 1.0);
+        let mesh = blocks(&phantom);
+        let options = CompareOptions { step: 1.0, ..CompareOptions::default() };
+        let found = compare(&mesh, &phantom, &options, &Execution::default()).unwrap();
+        for material in &found.materials {
+            assert_eq!(material.topology, material.expected, "{scene:?} {}", material.name);
+            if let Some(error) = material.volume_error_percent {
+                assert!(error.abs() < 2.0, "{scene:?} {} {error}", material.name);
+            }
+        }
+        for pair in &found.pairs {
+            assert!(pair.in_truth && pair.triangles > 0, "{scene:?} {pair:?}");
+            for split in [pair.mesh_to_truth, pair.truth_to_mesh] {
+                let all = split.all.unwrap();
+                assert!(all.voxels.max < 1.5 && all.voxels.rms < 0.5, "{scene:?} {pair:?}");
+                assert!(all.voxels.signed_mean.abs() < 0.1, "{scene:?} {pair:?}");
+            }
+        }
+        if let Some(junctions) = &found.junctions
+            && scene.materials().len() > 2
+        {
+            assert!(junctions.mesh_to_truth.unwrap().voxels.rms < 1.0, "{scene:?} {junctions:?}");
+            assert!(junctions.truth_to_mesh.unwrap().voxels.max < 2.0, "{scene:?} {junctions:?}");
+        }
+        assert_eq!(found.false_triangles, FalseTriangles::default());
+    }
 }
