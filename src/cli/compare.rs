@@ -172,3 +172,23 @@ fn row(out: &mut impl Write, title: &str, distances: Option<&Distances>) -> std:
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phantom::PhantomOptions;
+
+    #[test]
+    fn an_empty_mesh_is_reported_as_missing_everything() {
+        let phantom = Phantom::new(&PhantomOptions::default()).unwrap();
+        let mesh = InterfaceMesh::new(vec![], vec![], vec![], vec![], vec![]).unwrap();
+        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let mut text = Vec::new();
+        print(&found, &mut text).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        for line in ["aluminium/air: MISSING", "iron/air: MISSING", "iron/aluminium: MISSING", "0 (1)  WRONG"]
+        {
+            assert!(text.contains(line), "{line} in\n{text}");
+        }
+    }
+}
