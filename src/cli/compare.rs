@@ -1,14 +1,194 @@
 //! `interfacet compare`.
 
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::Context;
+
+use super::phantom::ObjectArgs;
 use crate::execution::Execution;
+use crate::mesh::InterfaceMesh;
+use crate::phantom::compare::{CompareOptions, Comparison, Distances, compare};
+use crate::phantom::{Phantom, SceneName, Sidecar};
 
 /// Arguments of `interfacet compare`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {}
+pub(crate) struct Args {
+    /// The mesh, as `interfacet extract` writes it.
+    mesh: PathBuf,
+    /// The truth file that was written beside the phantom's volume.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness"])]
+    truth: Option<PathBuf>,
+    /// The phantom by name, with the options below as it was made.
+    #[arg(long, value_name = "NAME", conflicts_with = "truth", required_unless_present = "truth")]
+    phantom: Option<SceneName>,
+    /// Points farther than this many voxels from every junction curve are clear of junctions; triangles farther
+    /// than this from where they belong are false. Usually 2R.
+    #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().clear)]
+    clear: f64,
+    /// Largest distance of sample points in voxels.
+    #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().step)]
+    step: f64,
+    /// Write all figures to this JSON file.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the mesh coloured by its error to this PLY file.
+    #[arg(long, value_name = "FILE")]
+    error_ply: Option<PathBuf>,
+    #[command(flatten)]
+    object: Box<ObjectArgs>,
+}
 
 /// Runs the command.
-pub(crate) fn run(_args: &Args, _execution: &Execution) -> anyhow::Result<ExitCode> {
-    anyhow::bail!("being written")
+pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
+    let phantom = phantom(args)?;
+    let mesh = read_mesh(&args.mesh)?;
+    let options = CompareOptions { clear: args.clear, step: args.step };
+    let found = compare(&mesh, &phantom, &options, execution)?;
+    if let Some(path) = &args.json {
+        let text = serde_json::to_string_pretty(&found)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(path) = &args.error_ply {
+        write_error_ply(&found, &mesh, path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    print(&found, &mut std::io::stdout().lock())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn phantom(args: &Args) -> anyhow::Result<Phantom> {
+    let options = match (&args.truth, args.phantom) {
+        (Some(path), _) => {
+            let text =
+                std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+            Sidecar::from_json(&text).with_context(|| path.display().to_string())?.options
+        }
+        (None, Some(scene)) => args.object.options(scene),
+        (None, None) => anyhow::bail!("name the phantom with --truth or --phantom"),
+    };
+    Ok(Phantom::new(&options)?)
+}
+
+fn read_mesh(path: &Path) -> anyhow::Result<InterfaceMesh> {
+    // MERGE: export::read_mesh(path, &ReadOptions::default()).
+    anyhow::bail!("cannot read {}: the reader is being written", path.display())
+}
+
+fn write_error_ply(found: &Comparison, mesh: &InterfaceMesh, path: &Path) -> anyhow::Result<()> {
+    // MERGE: export's staging, so that a reader never sees half a file.
+    let mut out = BufWriter::new(std::fs::File::create(path)?);
+    found.write_error_ply(mesh, &mut out)?;
+    out.flush()?;
+    Ok(())
+}
+
+/// The figures as tables; distances in voxels.
+fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
+    let names: Vec<&str> = found.materials.iter().map(|m| m.name.as_str()).collect();
+    let name = |id: u8| names.get(usize::from(id)).copied().unwrap_or("unknown");
+    let clear = found.options.clear;
+    writeln!(out, "phantom {}, 1 voxel = {} mm; all distances in voxels", found.scene, found.voxel_mm)?;
+    writeln!(
+        out,
+        "\n{:<40} {:>9} {:>8} {:>8} {:>8} {:>9}",
+        "interfaces (positive: too far to the front)", "mean", "RMS", "95 %", "max", "points"
+    )?;
+    for pair in &found.pairs {
+        let title = format!("{}/{}", name(pair.back), name(pair.front));
+        if !pair.in_truth {
+            writeln!(out, "{title}: {} triangles of a pair that does not meet in the truth", pair.triangles)?;
+            continue;
+        }
+        if pair.triangles == 0 {
+            writeln!(out, "{title}: MISSING in the mesh ({:.1} mm² in the truth)", pair.truth_area)?;
+            continue;
+        }
+        for (way, split) in [("mesh to truth", pair.mesh_to_truth), ("truth to mesh", pair.truth_to_mesh)] {
+            row(out, &format!("{title}, {way}"), split.all.as_ref())?;
+            if split.near.is_some() && split.clear.is_some() {
+                row(out, &format!("  farther than {clear} from junctions"), split.clear.as_ref())?;
+                row(out, "  nearer", split.near.as_ref())?;
+            }
+        }
+    }
+    if let Some(junctions) = &found.junctions {
+        writeln!(
+            out,
+            "\njunction curves: {:.2} mm in the mesh, {:.2} mm in the truth",
+            junctions.mesh_length, junctions.truth_length
+        )?;
+        if junctions.touching_edges > 0 {
+            let count = junctions.touching_edges;
+            writeln!(out, "{count} edges where sheets of one interface touch are not counted")?;
+        }
+        row(out, "mesh to truth", junctions.mesh_to_truth.as_ref())?;
+        row(out, "truth to mesh", junctions.truth_to_mesh.as_ref())?;
+    }
+    writeln!(
+        out,
+        "\n{:<20} {:>14} {:>14} {:>10}   {:<22} {:<22}",
+        "material", "volume mm³", "exact mm³", "error %", "components (expected)", "Euler (expected)"
+    )?;
+    for m in &found.materials {
+        let number = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+        let figures = |got: i64, expected: i64| {
+            format!("{got} ({expected}){}", if got == expected { "" } else { "  WRONG" })
+        };
+        let error = m.volume_error_percent.map_or("-".to_owned(), |e| format!("{e:+.4}"));
+        writeln!(
+            out,
+            "{:<20} {:>14} {:>14} {error:>10}   {:<22} {:<22}",
+            m.name,
+            number(m.volume, 3),
+            number(m.exact_volume, 3),
+            figures(m.topology.components as i64, m.expected.components as i64),
+            figures(m.topology.euler, m.expected.euler),
+        )?;
+    }
+    let tallies = &found.false_triangles;
+    writeln!(out, "\nfalse triangles")?;
+    for (title, tally) in [
+        (format!("within {clear} of a junction"), tallies.near),
+        ("beyond".to_owned(), tallies.clear),
+        ("of these, of a pair that does not meet".to_owned(), tallies.wrong_pair),
+    ] {
+        writeln!(
+            out,
+            "{title:<40} {:>9} triangles, {:.3} mm², {:.4} % of the area",
+            tally.triangles, tally.area, tally.share_percent
+        )?;
+    }
+    Ok(())
+}
+
+fn row(out: &mut impl Write, title: &str, distances: Option<&Distances>) -> std::io::Result<()> {
+    match distances {
+        None => writeln!(out, "{title:<40} {:>9}", "-"),
+        Some(d) => writeln!(
+            out,
+            "{title:<40} {:>+9.4} {:>8.4} {:>8.4} {:>8.4} {:>9}",
+            d.voxels.signed_mean, d.voxels.rms, d.voxels.p95, d.voxels.max, d.samples
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::phantom::PhantomOptions;
+
+    #[test]
+    fn an_empty_mesh_is_reported_as_missing_everything() {
+        let phantom = Phantom::new(&PhantomOptions::default()).unwrap();
+        let mesh = InterfaceMesh::new(vec![], vec![], vec![], vec![], vec![]).unwrap();
+        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let mut text = Vec::new();
+        print(&found, &mut text).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        for line in ["aluminium/air: MISSING", "iron/air: MISSING", "iron/aluminium: MISSING", "0 (1)  WRONG"]
+        {
+            assert!(text.contains(line), "{line} in\n{text}");
+        }
+    }
 }

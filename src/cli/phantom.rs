@@ -65,9 +65,9 @@ pub(crate) struct Args {
     #[arg(long)]
     list: bool,
     #[command(flatten)]
-    object: ObjectArgs,
+    object: Box<ObjectArgs>,
     #[command(flatten)]
-    image: ImageArgs,
+    image: Box<ImageArgs>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -196,6 +196,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     let written = MetaImageOptions { compress: !image.uncompressed };
     metaimage::write(out, phantom.geometry(), &samples, &written)?;
     let truth = sidecar_path(out);
+    // MERGE: export's staging, so that a reader never sees half a file.
     std::fs::write(&truth, Sidecar::new(&phantom).to_json()?)
         .with_context(|| format!("cannot write {}", truth.display()))?;
 
@@ -216,4 +217,19 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
 /// Where the truth of a volume is written: `part.mha` gets `part.phantom.json`.
 fn sidecar_path(volume: &Path) -> PathBuf {
     volume.with_extension("phantom.json")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_number_stands_for_three_and_the_list_names_every_scene() {
+        assert_eq!(one_or_three::<usize>("64"), Ok([64; 3]));
+        assert_eq!(one_or_three::<f64>("1, 2,0.5"), Ok([1.0, 2.0, 0.5]));
+        assert!(one_or_three::<usize>("1,2").is_err() && one_or_three::<usize>("-1").is_err());
+        assert!(three("1,2,x").is_err());
+        assert!(SceneName::ALL.iter().all(|s| list().contains(&format!("\n{}\n", s.name()))));
+        assert_eq!(sidecar_path(Path::new("a/part.mha")), Path::new("a/part.phantom.json"));
+    }
 }

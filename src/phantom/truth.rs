@@ -186,11 +186,19 @@ impl Truth {
             }
         }
         for piece in &self.pieces {
-            let Some(&(_, surface, front_outside)) = piece.touching.iter().find(|t| t.0 == pair) else {
+            if !piece.touches(pair) {
                 continue;
-            };
+            }
             let Some((point, distance)) = closest_on(piece, surfaces, q, reach(&best)) else { continue };
-            let in_front = (surfaces[surface].signed_distance(q) > 0.0) == front_outside;
+            // At a sharp edge the point can be behind one face continued though in front of the other: the
+            // face it is farther from is right, at any angle.
+            let in_front = piece
+                .touching
+                .iter()
+                .filter(|t| t.0 == pair)
+                .map(|t| (surfaces[t.1].signed_distance(q), t.2))
+                .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+                .is_some_and(|(signed, front_outside)| (signed > 0.0) == front_outside);
             best = Some(Closest { point, distance, in_front });
         }
         best

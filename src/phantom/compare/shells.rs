@@ -1,0 +1,99 @@
+//! Volume and topology of each material's shell against what they should be.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::grid::MaterialId;
+use crate::mesh::InterfaceMesh;
+use crate::phantom::{Phantom, Topology};
+
+/// A material's shell against what it should be. Triangles on the volume's border are left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MaterialComparison {
+    /// Its id.
+    pub id: u8,
+    /// Its name.
+    pub name: String,
+    /// Volume the mesh encloses, mm³; `None` for the background.
+    pub volume: Option<f64>,
+    /// Exact volume, mm³; `None` for the background.
+    pub exact_volume: Option<f64>,
+    /// How much too large the mesh's volume is, percent.
+    pub volume_error_percent: Option<f64>,
+    /// The shell's topology in the mesh.
+    pub topology: Topology,
+    /// What it should be.
+    pub expected: Topology,
+}
+
+pub(super) fn compare(mesh: &InterfaceMesh, phantom: &Phantom) -> Vec<MaterialComparison> {
+    let truth = phantom.truth();
+    phantom
+        .materials()
+        .materials()
+        .iter()
+        .zip(truth.topology())
+        .map(|(material, expected)| {
+            let exact = truth.volume(material.id);
+            let volume = exact.map(|_| volume(mesh, material.id, truth.ball().0));
+            MaterialComparison {
+                id: material.id.0,
+                name: material.name.clone(),
+                volume,
+                exact_volume: exact,
+                volume_error_percent: volume.zip(exact).map(|(v, e)| 100.0 * (v / e - 1.0)),
+                topology: topology(mesh, material.id),
+                expected: *expected,
+            }
+        })
+        .collect()
+}
+
+// MERGE: mesh::measure will have these two for any mesh; use it here and drop them.
+
+/// Volume enclosed by the shell of a material, by the divergence theorem about `origin`.
+fn volume(mesh: &InterfaceMesh, material: MaterialId, origin: DVec3) -> f64 {
+    (0..mesh.triangles().len())
+        .filter(|&t| mesh.pairs()[t].contains(material))
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t).map(|p| p - origin);
+            let sixth = a.dot(b.cross(c)) / 6.0;
+            if mesh.pairs()[t].back() == material { sixth } else { -sixth }
+        })
+        .sum()
+}
+
+/// Components (connected through vertices) and Euler characteristic of the shell of a material.
+fn topology(mesh: &InterfaceMesh, material: MaterialId) -> Topology {
+    let shell: Vec<[u32; 3]> = mesh
+        .triangles()
+        .iter()
+        .zip(mesh.pairs())
+        .filter(|(_, pair)| pair.contains(material) && !pair.contains(MaterialId::OUTSIDE))
+        .map(|(t, _)| *t)
+        .collect();
+    let mut parent: Vec<u32> = (0..mesh.positions().len() as u32).collect();
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    let mut edges = Vec::with_capacity(3 * shell.len());
+    let mut used = Vec::with_capacity(3 * shell.len());
+    for [a, b, c] in &shell {
+        for (p, q) in [(*a, *b), (*b, *c), (*c, *a)] {
+            edges.push((p.min(q), p.max(q)));
+            used.push(p);
+            let (p, q) = (root(&mut parent, p), root(&mut parent, q));
+            parent[p.max(q) as usize] = p.min(q);
+        }
+    }
+    edges.sort_unstable();
+    edges.dedup();
+    used.sort_unstable();
+    used.dedup();
+    let components = used.iter().filter(|&&v| parent[v as usize] == v).count();
+    Topology { components, euler: used.len() as i64 - edges.len() as i64 + shell.len() as i64 }
+}

@@ -1,0 +1,211 @@
+//! The comparison on meshes with known errors.
+
+use glam::DVec3;
+
+use super::*;
+use crate::grid::{MaterialId, Pair, VertexKind};
+use crate::mesh::MeshMaterial;
+use crate::phantom::{PhantomOptions, SceneName};
+
+fn phantom(scene: SceneName, spacing: f64) -> Phantom {
+    let options = PhantomOptions { scene, size: [48; 3], spacing: [spacing; 3], ..PhantomOptions::default() };
+    Phantom::new(&options).unwrap()
+}
+
+fn mesh_of(
+    phantom: &Phantom,
+    positions: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    pairs: Vec<Pair>,
+) -> InterfaceMesh {
+    let kinds = vec![VertexKind::Interface; positions.len()];
+    let materials = phantom
+        .materials()
+        .materials()
+        .iter()
+        .map(|m| MeshMaterial { id: m.id, name: m.name.clone(), mean: m.mean })
+        .collect();
+    InterfaceMesh::new(positions, kinds, triangles, pairs, materials).unwrap()
+}
+
+fn pair(a: u8, b: u8) -> Pair {
+    Pair::new(MaterialId(a), MaterialId(b)).unwrap()
+}
+
+/// A globe of `n` rings, wound counter-clockwise seen from outside.
+fn globe(centre: DVec3, radius: f64, n: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    use std::f64::consts::{PI, TAU};
+    let around = 2 * n;
+    let mut positions = vec![centre - DVec3::Z * radius];
+    for i in 1..n {
+        let latitude = PI * f64::from(i) / f64::from(n) - PI / 2.0;
+        for k in 0..around {
+            let longitude = TAU * f64::from(k) / f64::from(around);
+            let ring = latitude.cos();
+            let p = DVec3::new(ring * longitude.cos(), ring * longitude.sin(), latitude.sin());
+            positions.push(centre + p * radius);
+        }
+    }
+    positions.push(centre + DVec3::Z * radius);
+    let at = |i: u32, k: u32| 1 + (i - 1) * around + k % around;
+    let last = positions.len() as u32 - 1;
+    let mut triangles = Vec::new();
+    for k in 0..around {
+        triangles.push([0, at(1, k + 1), at(1, k)]);
+        triangles.push([last, at(n - 1, k), at(n - 1, k + 1)]);
+        for i in 1..n - 1 {
+            triangles.push([at(i, k), at(i, k + 1), at(i + 1, k + 1)]);
+            triangles.push([at(i, k), at(i + 1, k + 1), at(i + 1, k)]);
+        }
+    }
+    (positions, triangles)
+}
+
+#[test]
+fn a_globe_too_large_by_a_known_amount_is_measured_so_both_ways() {
+    let phantom = phantom(SceneName::Sphere, 0.5);
+    let (centre, radius) = phantom.truth().ball();
+    for offset in [0.1, -0.05] {
+        let (positions, triangles) = globe(centre, radius + offset, 120);
+        let pairs = vec![pair(1, 0); triangles.len()];
+        let mesh = mesh_of(&phantom, positions, triangles, pairs);
+        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        assert_eq!(found.pairs.len(), 1);
+        for split in [found.pairs[0].mesh_to_truth, found.pairs[0].truth_to_mesh] {
+            let all = split.all.unwrap();
+            // Chords of the globe lie up to r (π/240)² / 2 inside.
+            assert!((all.mm.signed_mean - offset).abs() < 2e-3, "{} {offset}", all.mm.signed_mean);
+            assert!((all.voxels.rms - 2.0 * offset.abs()).abs() < 4e-3);
+            assert!((all.mm.max - offset.abs()).abs() < 4e-3);
+            assert!(split.near.is_none() && split.clear.is_some());
+        }
+        let material = &found.materials[1];
+        let growth = 100.0 * ((1.0 + offset / radius).powi(3) - 1.0);
+        assert!((material.volume_error_percent.unwrap() - growth).abs() < 0.1);
+        assert_eq!(material.topology, material.expected);
+        assert_eq!(found.materials[0].topology, found.materials[0].expected);
+        assert_eq!(found.false_triangles, FalseTriangles::default());
+        assert!(found.junctions.is_none());
+        assert!(found.vertex_errors.iter().all(|e| (e - offset).abs() < 1e-9));
+        let json = serde_json::to_string(&found).unwrap();
+        assert!(serde_json::from_str::<Comparison>(&json).is_ok());
+    }
+}
+
+#[test]
+fn a_globe_elsewhere_is_false_and_a_missing_interface_is_seen_from_the_truth() {
+    let phantom = phantom(SceneName::SphereOnCylinder, 1.0);
+    let (centre, _) = phantom.truth().ball();
+    // An iron/air ball far outside of the object, and an aluminium/air one inside of it.
+    let (mut positions, mut triangles) = globe(centre + DVec3::new(-30.0, 0.0, 0.0), 2.0, 8);
+    let mut pairs = vec![pair(2, 0); triangles.len()];
+    let count = triangles.len();
+    let (more, their) = globe(centre, 1.0, 8);
+    let base = positions.len() as u32;
+    positions.extend(more);
+    triangles.extend(their.iter().map(|t| t.map(|v| v + base)));
+    pairs.extend(vec![pair(1, 0); their.len()]);
+    let mesh = mesh_of(&phantom, positions, triangles, pairs);
+    let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+    let tally = found.false_triangles;
+    assert!(tally.near.triangles + tally.clear.triangles >= count);
+    assert_eq!(tally.wrong_pair, Tally::default());
+    let missing = found.pairs.iter().find(|p| (p.back, p.front) == (2, 1)).unwrap();
+    assert!(missing.in_truth && missing.triangles == 0);
+    assert!(missing.truth_to_mesh.all.is_none() && missing.mesh_to_truth.all.is_none());
+    assert!(missing.truth_area > 0.0);
+    let junctions = found.junctions.unwrap();
+    assert!(junctions.mesh_to_truth.is_none() && junctions.truth_length > 0.0);
+}
+
+#[test]
+fn a_fan_on_a_true_junction_circle_has_a_junction_distance_of_the_chords_only() {
+    let phantom = phantom(SceneName::SphereOnCylinder, 1.0);
+    let truth = phantom.truth();
+    let piece = truth.junctions().next().unwrap();
+    let n: u32 = 400;
+    let mut positions = vec![truth.ball().0];
+    let (mut triangles, mut pairs) = (Vec::new(), Vec::new());
+    for k in 0..n {
+        positions.push(piece.curve.at(piece.low + (piece.high - piece.low) * f64::from(k) / f64::from(n)));
+        // Three sheets through the same edge: only the edge itself counts here.
+        for own in [pair(2, 0), pair(2, 1), pair(1, 0)] {
+            triangles.push([0, k + 1, (k + 1) % n + 1]);
+            pairs.push(own);
+        }
+    }
+    let mesh = mesh_of(&phantom, positions, triangles, pairs);
+    let rim: Vec<[u32; 2]> = junctions::edges(&mesh).junction.into_iter().filter(|e| e[0] > 0).collect();
+    assert_eq!(rim.len(), n as usize);
+    let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+    let junctions = found.junctions.unwrap();
+    assert!(junctions.truth_to_mesh.unwrap().mm.max < 2e-3);
+    assert!(junctions.mesh_to_truth.unwrap().mm.max > 1.0, "the spokes are not on the circle");
+}
+
+/// The faces between lattice cubes of different materials: rough, but with the right topology.
+fn blocks(phantom: &Phantom) -> InterfaceMesh {
+    let n = 48_u32;
+    let at = |i: [u32; 3]| phantom.truth().material_at(DVec3::from(i.map(f64::from)));
+    let id = |i: [u32; 3]| (i[2] * (n + 1) + i[1]) * (n + 1) + i[0];
+    let mut index = std::collections::BTreeMap::new();
+    let (mut positions, mut triangles, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
+    for (axis, i) in (0..3).flat_map(|a| (0..n.pow(3)).map(move |i| (a, [i % n, i / n % n, i / n / n]))) {
+        let mut next = i;
+        next[axis] += 1;
+        if next[axis] == n {
+            continue;
+        }
+        let Some(pair) = Pair::new(at(i), at(next)) else { continue };
+        // The cube of voxel i reaches from corner i to corner i + 1.
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut ring = [next; 4];
+        ring[1][u] += 1;
+        ring[2][u] += 1;
+        ring[2][v] += 1;
+        ring[3][v] += 1;
+        if pair.back() != at(i) {
+            ring.reverse();
+        }
+        let corners = ring.map(|c| {
+            *index.entry(id(c)).or_insert_with(|| {
+                positions.push(DVec3::from(c.map(f64::from)) - 0.5);
+                positions.len() as u32 - 1
+            })
+        });
+        triangles.extend([[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]);
+        pairs.extend([pair; 2]);
+    }
+    mesh_of(phantom, positions, triangles, pairs)
+}
+
+#[test]
+fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
+    for scene in SceneName::ALL {
+        let phantom = phantom(scene, 1.0);
+        let mesh = blocks(&phantom);
+        let options = CompareOptions { step: 1.0, ..CompareOptions::default() };
+        let found = compare(&mesh, &phantom, &options, &Execution::default()).unwrap();
+        for material in &found.materials {
+            assert_eq!(material.topology, material.expected, "{scene:?} {}", material.name);
+            if let Some(error) = material.volume_error_percent {
+                assert!(error.abs() < 2.0, "{scene:?} {} {error}", material.name);
+            }
+        }
+        for pair in &found.pairs {
+            assert!(pair.in_truth && pair.triangles > 0, "{scene:?} {pair:?}");
+            for split in [pair.mesh_to_truth, pair.truth_to_mesh] {
+                let all = split.all.unwrap();
+                assert!(all.voxels.max < 1.5 && all.voxels.rms < 0.5, "{scene:?} {pair:?}");
+                assert!(all.voxels.signed_mean.abs() < 0.1, "{scene:?} {pair:?}");
+            }
+        }
+        if let Some(junctions) = &found.junctions
+            && scene.materials().len() > 2
+        {
+            assert!(junctions.mesh_to_truth.unwrap().voxels.rms < 1.0, "{scene:?} {junctions:?}");
+            assert!(junctions.truth_to_mesh.unwrap().voxels.max < 2.0, "{scene:?} {junctions:?}");
+        }
+        assert_eq!(found.false_triangles, FalseTriangles::default());
+    }
+}
