@@ -176,11 +176,10 @@ fn label(value: f64) -> Result<MaterialId, String> {
     }
 }
 
-/// A library's message in one line of bounded length: files may put anything into it.
+/// Text from a file or a library as one line of bounded length: files may put anything into it.
 pub(super) fn bounded(text: &str) -> String {
     const MOST: usize = 300;
-    let words: Vec<_> =
-        text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|w| !w.is_empty()).collect();
+    let words: Vec<_> = text.split_whitespace().map(|w| w.replace(char::is_control, "?")).collect();
     let line = words.join(" ");
     if line.chars().count() <= MOST { line } else { line.chars().take(MOST).chain("...".chars()).collect() }
 }
