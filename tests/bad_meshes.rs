@@ -1,6 +1,8 @@
 //! Odd, truncated, lying and hostile files: read right, or refused with a message; never a panic,
 //! a hang, or memory that the file's own size does not justify.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // helpers of tests are tests; a skip is said aloud
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};

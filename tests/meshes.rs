@@ -1,5 +1,7 @@
 //! Meshes of other people's tests: closed ones are found closed, holes are counted.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // helpers of tests are tests; a skip is said aloud
+
 use std::collections::HashMap;
 use std::path::PathBuf;
 
