@@ -1,5 +1,7 @@
 //! Meshes of other people's tests: closed ones are found closed, holes are counted.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // helpers of tests are tests; a skip is said aloud
+
 use std::collections::HashMap;
 use std::path::PathBuf;
 
@@ -112,4 +114,37 @@ fn closed_meshes_are_closed_and_holes_are_counted() {
     assert_eq!(soup.measures.shells[0].components, 100);
     assert_eq!(soup.junctions.boundaries.loops, 100);
     assert!(soup.defects.self_intersections.count > 100);
+}
+
+#[test]
+fn the_command_says_what_it_found_and_exits_by_it() {
+    let Some(folder) = folder() else { return };
+    let run = |file: &str, args: &[&str]| {
+        let path = folder.join(file);
+        std::process::Command::new(env!("CARGO_BIN_EXE_interfacet"))
+            .arg("check")
+            .arg(path)
+            .args(args)
+            .output()
+            .unwrap()
+    };
+    let good = run("torus.STL", &[]);
+    let text = String::from_utf8(good.stdout).unwrap();
+    assert_eq!(good.status.code(), Some(0), "{text}");
+    assert!(text.contains("No defects.") && text.contains("8700 triangles"), "{text}");
+    let bad = run("soup.stl", &["--json", "-", "--examples", "3"]);
+    assert_eq!(bad.status.code(), Some(1));
+    let json: serde_json::Value = serde_json::from_slice(&bad.stdout).unwrap();
+    assert_eq!(json["defects"]["boundary_edges"]["count"], 300);
+    assert_eq!(json["defects"]["boundary_edges"]["first"].as_array().unwrap().len(), 3);
+    assert_eq!(json["measures"]["shells"][0]["components"], 100);
+    let file = tempfile::tempdir().unwrap();
+    let path = file.path().join("report.json");
+    let both = run("cube.off", &["--json", path.to_str().unwrap()]);
+    assert_eq!(both.status.code(), Some(1), "OFF is not read");
+    assert!(!path.exists());
+    let both = run("torus.STL", &["--json", path.to_str().unwrap()]);
+    assert!(both.status.success() && !both.stdout.is_empty());
+    let json: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    assert_eq!(json["defects"]["shells"][0]["manifold"], true);
 }

@@ -40,6 +40,9 @@ fn write(out: &mut impl Write, mesh: &InterfaceMesh, curves: &[JunctionCurve]) -
     }
     let length = |c: &JunctionCurve| c.vertices.len() + usize::from(c.closed);
     let entries: usize = curves.iter().map(|c| 1 + length(c)).sum();
+    if curves.is_empty() {
+        return out.flush(); // VTK's reader takes a section of no lines for an error
+    }
     writeln!(out, "LINES {} {entries}", curves.len())?;
     for curve in curves {
         write!(out, "{}", length(curve))?;
@@ -49,9 +52,10 @@ fn write(out: &mut impl Write, mesh: &InterfaceMesh, curves: &[JunctionCurve]) -
         }
         writeln!(out)?;
     }
-    writeln!(out, "CELL_DATA {}", curves.len())?;
+    // As fields: of several SCALARS, VTK's reader keeps only the first unless told otherwise.
+    writeln!(out, "CELL_DATA {}\nFIELD curves 8", curves.len())?;
     let mut column = |name: &str, kind: &str, value: &dyn Fn(usize, &JunctionCurve) -> String| {
-        writeln!(out, "SCALARS {name} {kind} 1\nLOOKUP_TABLE default")?;
+        writeln!(out, "{name} 1 {} {kind}", curves.len())?;
         for (i, curve) in curves.iter().enumerate() {
             writeln!(out, "{}", value(i, curve))?;
         }
@@ -82,8 +86,8 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.contains("POINTS 4 double\n"), "{text}");
         assert!(text.contains("LINES 1 6\n5 0 "), "{text}");
-        assert!(text.contains("CELL_DATA 1\nSCALARS curve int 1\nLOOKUP_TABLE default\n0\n"));
-        assert!(text.contains("length_mm double 1\nLOOKUP_TABLE default\n4\n"));
+        assert!(text.contains("CELL_DATA 1\nFIELD curves 8\ncurve 1 1 int\n0\n"));
+        assert!(text.contains("length_mm 1 1 double\n4\n"));
         // No curves are no error.
         write_junctions(&path, &m, &[]).unwrap();
     }

@@ -66,7 +66,8 @@ fn needs_double(mesh: &InterfaceMesh, resolution: f64) -> bool {
     let largest = mesh.positions().iter().fold(0.0, |m: f64, p| m.max(p.abs().max_element()));
     // One f32 step is at most 2^-23 of the number.
     let step = largest * f64::from(f32::EPSILON);
-    !(step <= resolution / 1000.0)
+    let fits = step <= resolution / 1000.0; // false too where the resolution is not a number
+    !fits
 }
 
 fn write(out: &mut BufWriter<File>, mesh: &InterfaceMesh, options: &PlyOptions) -> io::Result<()> {

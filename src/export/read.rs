@@ -176,11 +176,83 @@ fn label(value: f64) -> Result<MaterialId, String> {
     }
 }
 
-/// A library's message in one line of bounded length: files may put anything into it.
+/// Text from a file or a library as one line of bounded length: files may put anything into it.
 pub(super) fn bounded(text: &str) -> String {
     const MOST: usize = 300;
-    let words: Vec<_> =
-        text.split(|c: char| c.is_whitespace() || c.is_control()).filter(|w| !w.is_empty()).collect();
+    let words: Vec<_> = text.split_whitespace().map(|w| w.replace(char::is_control, "?")).collect();
     let line = words.join(" ");
     if line.chars().count() <= MOST { line } else { line.chars().take(MOST).chain("...".chars()).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str, options: &ReadOptions) -> Result<InterfaceMesh, ExportError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.ply");
+        std::fs::write(&path, text).unwrap();
+        read_mesh(&path, options)
+    }
+
+    /// As other tools write labels: other names and types, in no order, -1 for the outside.
+    const FOREIGN: &str = "ply\nformat ascii 1.0\ncomment something\nelement vertex 4\nproperty double x\n\
+        property double y\nproperty double z\nproperty int NodeType\nelement cell 1\nproperty float w\n\
+        element face 2\nproperty short Label0\nproperty list int ushort vertex_index\nproperty short Label1\n\
+        property uchar red\nend_header\n0 0 0 4\n1 0 0 77\n\n1 1 0 13\n0 1 0 2\n0.5\n\
+        1 4 0 1 2 3 2 9\n-1 3 0 1 2 1 9\n";
+
+    fn foreign() -> ReadOptions {
+        ReadOptions {
+            back: "Label0".to_owned(),
+            front: "Label1".to_owned(),
+            kind: "NodeType".to_owned(),
+            ..ReadOptions::default()
+        }
+    }
+
+    #[test]
+    fn labels_of_other_tools_are_put_in_our_order() {
+        let m = read(FOREIGN, &foreign()).unwrap();
+        // 1 behind 2 becomes 2 behind 1, flipped; outside behind 1 becomes 1 behind outside, flipped.
+        assert_eq!(m.triangles(), [[0, 2, 1], [0, 3, 2], [0, 2, 1]]);
+        let pairs: Vec<_> = m.pairs().iter().map(|p| (p.back().0, p.front().0)).collect();
+        assert_eq!(pairs, [(2, 1), (2, 1), (1, 255)]);
+        // Kinds as given; 77 is none, so it is worked out: 2, 1 and the outside meet there.
+        let codes: Vec<_> = m.kinds().iter().map(|k| k.code()).collect();
+        assert_eq!(codes, [4, 13, 13, 2]);
+        let names: Vec<_> = m.materials().iter().map(|m| (m.id.0, m.name.as_str())).collect();
+        assert_eq!(names, [(1, "material 1"), (2, "material 2")]);
+    }
+
+    #[test]
+    fn names_that_are_not_there_are_named() {
+        // With our names these labels are not seen: one material in air.
+        let m = read(FOREIGN, &ReadOptions::default()).unwrap();
+        assert!(m.pairs().iter().all(|p| (p.back().0, p.front().0) == (1, 0)));
+        let options = ReadOptions { front: "Label2".to_owned(), ..foreign() };
+        let error = read(FOREIGN, &options).unwrap_err().to_string();
+        assert!(error.contains("Label2") && error.contains("Label0, vertex_index, Label1, red"), "{error}");
+        let options = ReadOptions { kind: "Kind".to_owned(), ..foreign() };
+        assert!(read(FOREIGN, &options).unwrap_err().to_string().contains("NodeType"));
+        // One label without the other is a mistake, not a file without labels.
+        let half = FOREIGN.replace("Label0", "material_back");
+        assert!(read(&half, &ReadOptions::default()).unwrap_err().to_string().contains("material_front"));
+    }
+
+    #[test]
+    fn files_that_are_no_meshes_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in
+            [("a.tif", &b"II*\0"[..]), ("b.ply", b"plyx"), ("c.stl", b"abc"), ("d", b"solid x")]
+        {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            let error = read_mesh(&path, &ReadOptions::default()).unwrap_err().to_string();
+            assert!(error.contains(name), "{error}");
+        }
+        for path in [folder.path().to_owned(), folder.path().join("missing")] {
+            assert!(read_mesh(&path, &ReadOptions::default()).is_err());
+        }
+    }
 }

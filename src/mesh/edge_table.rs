@@ -75,17 +75,19 @@ impl EdgeTable {
     }
 
     fn sort(&mut self) {
+        let chunks = self.chunks();
+        let start = &self.start;
         let mut rest = self.uses.as_mut_slice();
-        let mut tasks = Vec::new();
-        for range in self.start.windows(2).collect::<Vec<_>>().chunks(CHUNK) {
-            let (first, last) = (range[0][0], range[range.len() - 1][1]);
-            let (head, tail) = rest.split_at_mut(last - first);
-            tasks.push((head, range.to_vec(), first));
+        let mut tasks = Vec::with_capacity(chunks.len());
+        for lows in chunks {
+            let (head, tail) = rest.split_at_mut(start[lows.end] - start[lows.start]);
+            tasks.push((head, lows));
             rest = tail;
         }
-        tasks.into_par_iter().for_each(|(uses, ranges, first)| {
-            for range in ranges {
-                uses[range[0] - first..range[1] - first].sort_unstable();
+        tasks.into_par_iter().for_each(|(uses, lows)| {
+            let first = start[lows.start];
+            for low in lows {
+                uses[start[low] - first..start[low + 1] - first].sort_unstable();
             }
         });
     }

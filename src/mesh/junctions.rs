@@ -100,9 +100,14 @@ pub(crate) fn junctions_with(mesh: &InterfaceMesh, table: &EdgeTable) -> Junctio
     let (chains, points) = string(&edges);
     result.points = points;
     result.curves = chains.into_iter().map(|c| curve(mesh, &edges, &c, &sets)).collect();
-    result.length = result.curves.iter().map(|c| c.length).sum();
+    result.length = total_length(&result.curves);
     result.boundaries = boundaries(mesh, table, boundary, &sets);
     result
+}
+
+fn total_length(curves: &[JunctionCurve]) -> f64 {
+    // An empty `sum` is -0, which looks odd in a report.
+    curves.iter().fold(0.0, |sum, c| sum + c.length)
 }
 
 /// Strings boundary edges; see the module header.
@@ -138,7 +143,7 @@ fn boundaries(mesh: &InterfaceMesh, table: &EdgeTable, mut edges: Vec<Edge>, set
         edges: edges.len() as u64,
         loops: curves.iter().filter(|c| c.closed).count() as u64,
         open_curves: curves.iter().filter(|c| !c.closed).count() as u64,
-        length: curves.iter().map(|c| c.length).sum(),
+        length: total_length(&curves),
         curves,
     }
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::defects::{Defects, EdgeDefect};
 use super::triangle_pair::{Plane, side};
 use super::{ShellCounts, Wrong, has_shell, pair_defect};
+use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
 use crate::mesh::InterfaceMesh;
 use crate::mesh::edge_table::{EdgeTable, EdgeUse};
@@ -18,20 +19,22 @@ pub(super) fn check(
     keep: usize,
     defects: &mut Defects,
     counts: &mut ShellCounts,
-) {
-    let parts: Vec<_> = table
+    execution: &Execution,
+) -> Result<(), Cancelled> {
+    let parts = table
         .chunks()
         .into_par_iter()
         .map(|lows| {
+            execution.check()?;
             let mut part = Part { mesh, keep, found: Defects::default(), counts: None };
             for low in lows {
                 for (high, uses) in table.edges_of(low) {
                     part.edge([low as u32, high], uses);
                 }
             }
-            (part.found, part.counts)
+            Ok((part.found, part.counts))
         })
-        .collect();
+        .collect::<Result<Vec<_>, Cancelled>>()?;
     for (found, wrong) in parts {
         defects.boundary_edges.append(keep, found.boundary_edges);
         defects.alternation.append(keep, found.alternation);
@@ -43,6 +46,7 @@ pub(super) fn check(
             counts.merge(&wrong);
         }
     }
+    Ok(())
 }
 
 /// What one task finds.

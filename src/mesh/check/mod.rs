@@ -73,9 +73,8 @@ pub(crate) fn check_with(
         defects.degenerate_triangles.add(keep, || triangle_defect(mesh, t));
     }
     execution.check()?;
-    edges::check(mesh, table, keep, &mut defects, &mut counts);
-    execution.check()?;
-    vertices::check(mesh, keep, &mut defects, &mut counts);
+    edges::check(mesh, table, keep, &mut defects, &mut counts, execution)?;
+    vertices::check(mesh, keep, &mut defects, &mut counts, execution)?;
     defects.shells = counts.states(mesh);
     if options.self_intersections {
         execution.check()?;

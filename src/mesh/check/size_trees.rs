@@ -204,8 +204,8 @@ impl Slab {
         let (low, high) = (b.low.as_dvec3(), b.high.as_dvec3());
         let (centre, half) = ((low + high) * 0.5, (high - low) * 0.5);
         let distance = (self.normal.dot(centre) - self.offset).abs();
-        // `!(>)` also admits whatever is not a number.
-        !(distance > self.normal.abs().dot(half) * (1.0 + 1e-12) + self.slack)
+        let apart = distance > self.normal.abs().dot(half) * (1.0 + 1e-12) + self.slack;
+        !apart // admits whatever overflowed to something that is not a number
     }
 }
 

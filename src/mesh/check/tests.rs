@@ -123,25 +123,21 @@ fn order_round_a_junction_edge_matters_not_only_the_labels() {
         mesh(p, t, vec![pair(2, 1), pair(2, 0), pair(1, 0)])
     };
     let turn = |a: f64| a * std::f64::consts::TAU;
-    // Triangle 2: passed forward, from 1 to 0; triangle 0: backward, from 1 to 2; triangle 1: 2 to 0.
-    let alternation = |angles| {
-        let m = build(angles);
+    let count = |m: &InterfaceMesh| {
         let table = EdgeTable::new(5, m.triangles());
-        let mut d = Defects::default();
-        edges::check(&m, &table, 100, &mut d, &mut ShellCounts::new());
+        let (mut d, mut counts) = (Defects::default(), ShellCounts::new());
+        edges::check(m, &table, 100, &mut d, &mut counts, &Execution::default()).unwrap();
         d.alternation.count
     };
+    // Triangle 2: passed forward, from 1 to 0; triangle 0: backward, from 1 to 2; triangle 1: 2 to 0.
+    let alternation = |angles| count(&build(angles));
     // 1 -> 2 -> 0, then 0 must go on to 1, but triangle 2 is passed from 1 to 0.
     assert_eq!(alternation([turn(0.1), turn(0.4), turn(0.7)]), 1);
     let good = |angles: [f64; 3]| {
         let m = build(angles);
         let (p, mut t, pairs) = parts(&m);
         t[2].swap(0, 1);
-        let m = mesh(p, t, pairs);
-        let table = EdgeTable::new(5, m.triangles());
-        let mut d = Defects::default();
-        edges::check(&m, &table, 100, &mut d, &mut ShellCounts::new());
-        d.alternation.count
+        count(&mesh(p, t, pairs))
     };
     assert_eq!(good([turn(0.1), turn(0.4), turn(0.7)]), 0);
     assert_eq!(good([turn(0.7), turn(0.1), turn(0.4)]), 0);

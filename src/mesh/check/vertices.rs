@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::defects::{Defects, Listed, VertexDefect};
 use super::{ShellCounts, Wrong, has_shell};
+use crate::execution::{Cancelled, Execution};
 use crate::grid::{MaterialId, Pair};
 use crate::mesh::InterfaceMesh;
 use crate::mesh::vertex_table::VertexTable;
@@ -12,12 +13,19 @@ use crate::mesh::vertex_table::VertexTable;
 const CHUNK: usize = 1 << 14;
 
 /// Checks all vertices and enters what is wrong in `defects` and `counts`.
-pub(super) fn check(mesh: &InterfaceMesh, keep: usize, defects: &mut Defects, counts: &mut ShellCounts) {
+pub(super) fn check(
+    mesh: &InterfaceMesh,
+    keep: usize,
+    defects: &mut Defects,
+    counts: &mut ShellCounts,
+    execution: &Execution,
+) -> Result<(), Cancelled> {
     let n = mesh.positions().len();
     let table = VertexTable::new(n, mesh.triangles());
-    let parts: Vec<_> = (0..n.div_ceil(CHUNK))
+    let parts = (0..n.div_ceil(CHUNK))
         .into_par_iter()
         .map(|chunk| {
+            execution.check()?;
             let (mut wrong, mut unused) = (Listed::default(), Listed::default());
             // Only the first of these need a place, but all count per material.
             let mut materials = Vec::new();
@@ -40,9 +48,9 @@ pub(super) fn check(mesh: &InterfaceMesh, keep: usize, defects: &mut Defects, co
                     }
                 });
             }
-            (wrong, unused, materials)
+            Ok((wrong, unused, materials))
         })
-        .collect();
+        .collect::<Result<Vec<_>, Cancelled>>()?;
     for (wrong, unused, materials) in parts {
         defects.non_manifold_vertices.append(keep, wrong);
         defects.unreferenced_vertices.append(keep, unused);
@@ -50,6 +58,7 @@ pub(super) fn check(mesh: &InterfaceMesh, keep: usize, defects: &mut Defects, co
             counts.add(id, Wrong::Vertex);
         }
     }
+    Ok(())
 }
 
 /// Buffers to follow the link of one vertex after the other.
