@@ -1,14 +1,14 @@
 //! `interfacet compare`.
 
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
 
 use super::phantom::ObjectArgs;
 use crate::execution::Execution;
-use crate::mesh::InterfaceMesh;
+use crate::export::{ReadOptions, read_mesh, write_atomically};
 use crate::phantom::compare::{CompareOptions, Comparison, Distances, compare};
 use crate::phantom::{Phantom, SceneName, Sidecar};
 
@@ -43,15 +43,15 @@ pub(crate) struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     let phantom = phantom(args)?;
-    let mesh = read_mesh(&args.mesh)?;
+    let mesh = read_mesh(&args.mesh, &ReadOptions::default())?;
     let options = CompareOptions { clear: args.clear, step: args.step };
     let found = compare(&mesh, &phantom, &options, execution)?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&found)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        write_atomically(path, |out| out.write_all(text.as_bytes()))?;
     }
     if let Some(path) = &args.error_ply {
-        write_error_ply(&found, &mesh, path).with_context(|| format!("cannot write {}", path.display()))?;
+        write_atomically(path, |out| found.write_error_ply(&mesh, out))?;
     }
     print(&found, &mut std::io::stdout().lock())?;
     Ok(ExitCode::SUCCESS)
@@ -68,19 +68,6 @@ fn phantom(args: &Args) -> anyhow::Result<Phantom> {
         (None, None) => anyhow::bail!("name the phantom with --truth or --phantom"),
     };
     Ok(Phantom::new(&options)?)
-}
-
-fn read_mesh(path: &Path) -> anyhow::Result<InterfaceMesh> {
-    // MERGE: export::read_mesh(path, &ReadOptions::default()).
-    anyhow::bail!("cannot read {}: the reader is being written", path.display())
-}
-
-fn write_error_ply(found: &Comparison, mesh: &InterfaceMesh, path: &Path) -> anyhow::Result<()> {
-    // MERGE: export's staging, so that a reader never sees half a file.
-    let mut out = BufWriter::new(std::fs::File::create(path)?);
-    found.write_error_ply(mesh, &mut out)?;
-    out.flush()?;
-    Ok(())
 }
 
 /// The figures as tables; distances in voxels.

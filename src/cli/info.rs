@@ -9,6 +9,8 @@ use serde::Serialize;
 use super::input::InputArgs;
 use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
+use crate::material::{Blur, Found};
+use crate::pipeline::{MaterialChoice, survey};
 use crate::volume::{Sample, SampleType, Samples, VolumeError, VolumeSource};
 use crate::with_samples;
 
@@ -27,14 +29,15 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     let source = args.input.open()?;
     let grey = Grey::measure(source.as_ref(), execution)?;
-    let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey);
+    let materials = Materials::survey(source.as_ref())?;
+    let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey, materials);
     let mut out = Vec::new();
     if args.json {
         serde_json::to_writer_pretty(&mut out, &info)?;
         writeln!(out)?;
     } else {
         print(&mut out, &info, columns_of_terminal())?;
-        print_materials(&mut out)?;
+        info.materials.print(&mut out)?;
     }
     match std::io::stdout().lock().write_all(&out) {
         // Whoever reads has seen enough: `interfacet info ... | head`.
@@ -44,9 +47,47 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The materials that an extraction would find. To be filled in by `material::find`.
-fn print_materials(_out: &mut impl Write) -> std::io::Result<()> {
-    Ok(())
+/// The materials that an extraction would find, or why it would find none.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Materials {
+    Found { materials: Found, blur: Blur },
+    NotFound { reason: String },
+}
+
+impl Materials {
+    fn survey(source: &dyn VolumeSource) -> Result<Self> {
+        let samples = source.read_all()?;
+        Ok(match survey(&samples, source.geometry(), &MaterialChoice::default()) {
+            Ok((materials, blur)) => Self::Found { materials, blur },
+            Err(error) => Self::NotFound { reason: error.to_string() },
+        })
+    }
+
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let (found, blur) = match self {
+            Self::NotFound { reason } => return writeln!(out, "\nno materials: {reason}"),
+            Self::Found { materials, blur } => (materials, blur),
+        };
+        writeln!(out, "\nmaterials that `interfacet extract` would use:")?;
+        writeln!(out, "  id  name              mean grey      noise")?;
+        for m in found.table.materials() {
+            let noise = m.sigma.map_or_else(|| "-".into(), |s| format!("{s:.4}"));
+            writeln!(out, "  {:>2}  {:<16} {:>10.4} {noise:>10}", m.id.0, m.name, m.mean)?;
+        }
+        for mode in &found.rejected {
+            let share = 100.0 * mode.inside_share;
+            writeln!(out, "  not taken: grey {:.4}, {} ({share:.1} %)", mode.grey, mode.reason)?;
+        }
+        let [x, y, z] = blur.radius;
+        match blur.sigma_mm {
+            Some(s) => writeln!(out, "blur: sigma {s:.4} mm, radius R {x:.2} x {y:.2} x {z:.2} voxels"),
+            None => writeln!(
+                out,
+                "blur: too few clean interfaces to measure, radius R {x:.2} x {y:.2} x {z:.2} voxels taken"
+            ),
+        }
+    }
 }
 
 /// Everything that is shown.
@@ -65,10 +106,11 @@ struct Info {
     extent_mm: [f64; 3],
     notes: Vec<String>,
     grey: Grey,
+    materials: Materials,
 }
 
 impl Info {
-    fn new(input: String, source: &dyn VolumeSource, grey: Grey) -> Self {
+    fn new(input: String, source: &dyn VolumeSource, grey: Grey, materials: Materials) -> Self {
         let geometry: &Geometry = source.geometry();
         let (size, spacing) = (geometry.size(), geometry.spacing());
         Self {
@@ -83,6 +125,7 @@ impl Info {
             extent_mm: std::array::from_fn(|a| size[a] as f64 * spacing[a]),
             notes: source.notes(),
             grey,
+            materials,
         }
     }
 }

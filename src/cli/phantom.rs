@@ -4,10 +4,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
-
 use crate::execution::Execution;
 use crate::export::metaimage::{self, MetaImageOptions};
+use crate::export::write_atomically;
 use crate::phantom::{Noise, Phantom, PhantomOptions, SceneName, Sidecar};
 use crate::volume::SampleType;
 
@@ -196,9 +195,8 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     let written = MetaImageOptions { compress: !image.uncompressed };
     metaimage::write(out, phantom.geometry(), &samples, &written)?;
     let truth = sidecar_path(out);
-    // MERGE: export's staging, so that a reader never sees half a file.
-    std::fs::write(&truth, Sidecar::new(&phantom).to_json()?)
-        .with_context(|| format!("cannot write {}", truth.display()))?;
+    let text = Sidecar::new(&phantom).to_json()?;
+    write_atomically(&truth, |file| file.write_all(text.as_bytes()))?;
 
     writeln!(stdout, "{}: {}", name.name(), name.description())?;
     for (material, topology) in phantom.materials().materials().iter().zip(phantom.truth().topology()) {

@@ -4,14 +4,14 @@
 //! never sees half of it. Voxels are little endian, x fastest. An `.mhd` appears after its `.raw`.
 
 use std::ffi::OsString;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use tempfile::NamedTempFile;
 use thiserror::Error;
 
+use super::{ExportError, write_atomically};
 use crate::grid::Geometry;
 use crate::volume::{SampleType, Samples};
 
@@ -33,15 +33,9 @@ pub enum MetaImageError {
         /// Voxels per axis.
         size: [usize; 3],
     },
-    /// The file system refused.
-    #[error("cannot write {}: {error}", path.display())]
-    Io {
-        /// What was to be written.
-        path: PathBuf,
-        /// What the system said.
-        #[source]
-        error: io::Error,
-    },
+    /// The file could not be written.
+    #[error(transparent)]
+    Export(#[from] ExportError),
 }
 
 /// How to write.
@@ -72,18 +66,18 @@ pub fn write(
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     match extension.as_str() {
-        "mha" => aside(path, |file| {
+        "mha" => write_atomically(path, |file| {
             let (voxels, compressed) = encoded(samples, options.compress)?;
             header(file, geometry, samples.sample_type(), compressed, "LOCAL")?;
             match voxels {
                 Some(bytes) => file.write_all(&bytes),
                 None => raw(samples, file),
             }
-        }),
+        })?,
         "mhd" => {
             let data = path.with_extension(if options.compress { "zraw" } else { "raw" });
             let mut size = None;
-            aside(&data, |file| {
+            write_atomically(&data, |file| {
                 let (voxels, compressed) = encoded(samples, options.compress)?;
                 size = compressed;
                 match voxels {
@@ -92,10 +86,13 @@ pub fn write(
                 }
             })?;
             let name = data.file_name().map(OsString::from).unwrap_or_default();
-            aside(path, |file| header(file, geometry, samples.sample_type(), size, &name.to_string_lossy()))
+            write_atomically(path, |file| {
+                header(file, geometry, samples.sample_type(), size, &name.to_string_lossy())
+            })?;
         }
-        _ => Err(MetaImageError::Extension { path: path.to_owned() }),
+        _ => return Err(MetaImageError::Extension { path: path.to_owned() }),
     }
+    Ok(())
 }
 
 /// The compressed voxels and their number, or nothing if they are not to be compressed. They are held
@@ -165,28 +162,6 @@ fn header(
     writeln!(out, "ElementType = {element}")?;
     // Must be the last line.
     writeln!(out, "ElementDataFile = {data}")
-}
-
-/// Writes a file aside and renames it.
-fn aside(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<&mut NamedTempFile>) -> io::Result<()>,
-) -> Result<(), MetaImageError> {
-    let failed = |error| MetaImageError::Io { path: path.to_owned(), error };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    // A temporary file is private by default; a result should be as readable as any other file.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.prefix(".interfacet-").tempfile_in(folder).map_err(failed)?;
-    let mut out = BufWriter::new(&mut file);
-    write(&mut out).and_then(|()| out.flush()).map_err(failed)?;
-    drop(out);
-    file.persist(path).map_err(|e| failed(e.error))?;
-    Ok(())
 }
 
 #[cfg(test)]

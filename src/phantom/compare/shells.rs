@@ -1,10 +1,9 @@
 //! Volume and topology of each material's shell against what they should be.
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::grid::MaterialId;
-use crate::mesh::InterfaceMesh;
+use crate::mesh::{InterfaceMesh, measure};
 use crate::phantom::{Phantom, Topology};
 
 /// A material's shell against what it should be. Triangles on the volume's border are left out.
@@ -28,6 +27,7 @@ pub struct MaterialComparison {
 
 pub(super) fn compare(mesh: &InterfaceMesh, phantom: &Phantom) -> Vec<MaterialComparison> {
     let truth = phantom.truth();
+    let shells = measure(mesh).shells;
     phantom
         .materials()
         .materials()
@@ -35,7 +35,8 @@ pub(super) fn compare(mesh: &InterfaceMesh, phantom: &Phantom) -> Vec<MaterialCo
         .zip(truth.topology())
         .map(|(material, expected)| {
             let exact = truth.volume(material.id);
-            let volume = exact.map(|_| volume(mesh, material.id, truth.ball().0));
+            let shell = shells.iter().find(|s| s.material == material.id);
+            let volume = exact.and(shell).and_then(|s| s.volume);
             MaterialComparison {
                 id: material.id.0,
                 name: material.name.clone(),
@@ -49,21 +50,8 @@ pub(super) fn compare(mesh: &InterfaceMesh, phantom: &Phantom) -> Vec<MaterialCo
         .collect()
 }
 
-// MERGE: mesh::measure will have these two for any mesh; use it here and drop them.
-
-/// Volume enclosed by the shell of a material, by the divergence theorem about `origin`.
-fn volume(mesh: &InterfaceMesh, material: MaterialId, origin: DVec3) -> f64 {
-    (0..mesh.triangles().len())
-        .filter(|&t| mesh.pairs()[t].contains(material))
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t).map(|p| p - origin);
-            let sixth = a.dot(b.cross(c)) / 6.0;
-            if mesh.pairs()[t].back() == material { sixth } else { -sixth }
-        })
-        .sum()
-}
-
-/// Components (connected through vertices) and Euler characteristic of the shell of a material.
+/// Components (connected through vertices) and Euler characteristic of the shell of a material, air
+/// among them, without its triangles towards `OUTSIDE`: [`measure`] has neither.
 fn topology(mesh: &InterfaceMesh, material: MaterialId) -> Topology {
     let shell: Vec<[u32; 3]> = mesh
         .triangles()
