@@ -186,6 +186,8 @@ fn indices_labels_and_numbers_out_of_range_are_refused() {
     // Line ends of an old Macintosh, and of Windows.
     assert!(made("cr.ply", ply("0", "3 0 1 2 2 1").replace('\n', "\r").as_bytes()).0);
     assert!(made("crlf.ply", ply("0", "3 0 1 2 2 1").replace('\n', "\r\n").as_bytes()).0);
+    let twice = ply("0", "3 0 1 2 2 1").replace("property float z", "property float x\nproperty float z");
+    assert!(!made("twice.ply", twice.as_bytes()).0, "a name that comes twice");
     for (x, face) in [
         ("0", "3 0 1 3 2 1"),
         ("0", "3 0 1 -1 2 1"),

@@ -28,9 +28,10 @@ pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) 
     let bad = |what: String| ExportError::malformed(path, "PLY", what);
     let mut input = BufReader::with_capacity(1 << 18, file);
     let (text, line_end, used) = header_text(&mut input).map_err(&bad)?;
-    let mut cursor = Reader::new(Cursor::new(text));
+    let mut cursor = Reader::new(Cursor::new(&text));
     let header =
         Parser::<Skipped>::new().read_header(&mut cursor).map_err(|e| bad(bounded(&e.to_string())))?;
+    check_names(&text, &header).map_err(&bad)?;
     check_counts(&header, length.saturating_sub(used)).map_err(&bad)?;
 
     let mut raw = Raw { materials: material_comments(&header), ..Raw::default() };
@@ -105,6 +106,17 @@ fn bytes(scalar: &ScalarType) -> u64 {
         ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
         ScalarType::Double => 8,
     }
+}
+
+/// Refuses a header in which a name comes twice: the parser would keep one of the two only, and then
+/// read everything behind it from the wrong place.
+fn check_names(text: &str, header: &Header) -> Result<(), String> {
+    let lines = |word: &str| text.lines().filter(|l| l.split_whitespace().next() == Some(word)).count();
+    let properties: usize = header.elements.iter().map(|(_, e)| e.properties.iter().count()).sum();
+    if lines("element") != header.elements.iter().count() || lines("property") != properties {
+        return Err("two elements, or two properties of one, have the same name".to_owned());
+    }
+    Ok(())
 }
 
 /// Refuses counts that the rest of the file cannot hold, at the least every entry may take.

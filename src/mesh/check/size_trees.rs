@@ -14,7 +14,7 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Triangles per leaf: measured best of 2, 4, 8 on a sphere of a million triangles.
+/// Triangles per leaf: 4 and 8 took the same time on a million triangles, 2 took more.
 const LEAF: usize = 4;
 /// Classes at most; the last one takes everything smaller.
 const CLASSES: usize = 8;
