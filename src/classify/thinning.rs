@@ -96,6 +96,9 @@ pub fn thin<S: Sample>(
     Ok(done)
 }
 
+/// The class, of those offered, whose mean is nearest to the grey value of voxel (x, y, z).
+type Nearest<'a> = dyn Fn(usize, usize, usize, &mut dyn Iterator<Item = usize>) -> Option<usize> + Sync + 'a;
+
 /// What the open voxels of row (y, z) become in this round.
 fn row_changes(
     b: &BitPlanes,
@@ -103,7 +106,7 @@ fn row_changes(
     y: usize,
     z: usize,
     settling: bool,
-    nearest: &(dyn Fn(usize, usize, usize, &mut dyn Iterator<Item = usize>) -> Option<usize> + Sync),
+    nearest: &Nearest<'_>,
 ) -> Vec<Change> {
     let n = b.count();
     let mut out = Vec::new();

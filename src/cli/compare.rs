@@ -168,7 +168,7 @@ mod tests {
     #[test]
     fn an_empty_mesh_is_reported_as_missing_everything() {
         let phantom = Phantom::new(&PhantomOptions::default()).unwrap();
-        let mesh = InterfaceMesh::new(vec![], vec![], vec![], vec![], vec![]).unwrap();
+        let mesh = crate::mesh::InterfaceMesh::new(vec![], vec![], vec![], vec![], vec![]).unwrap();
         let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
         let mut text = Vec::new();
         print(&found, &mut text).unwrap();
