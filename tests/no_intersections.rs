@@ -134,14 +134,14 @@ fn no_entry_of_the_table_intersects_itself_or_its_neighbours() {
     assert_eq!(middles.len(), table.len());
     for seed in 0..seeds() {
         let positions = if seed & 1 == 0 { Positions::Ends } else { Positions::Wild };
-        let mixed = seed % 4 > 1;
+        let mixed = (seed + 1) % 4 > 1;
         Tiles::new(&middles, seed, mixed, positions).assert_sound(&format!("seed {seed}"));
     }
 }
 
 /// How many seeds to try; INTERFACET_SEEDS asks for a longer run than the usual one.
 fn seeds() -> u64 {
-    std::env::var("INTERFACET_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(4)
+    std::env::var("INTERFACET_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(2)
 }
 
 /// Two loops of six crossings, one cut off by the other's corners: the only patterns of two
@@ -177,7 +177,7 @@ fn rounding_at_the_far_end_of_the_lattice_brings_no_defects() {
     for axis in 0..3 {
         let mut size = [11, 12, 13];
         size[axis] = Geometry::MAX_AXIS;
-        for seed in 0..6 {
+        for seed in 0..3 {
             let noise = lumps(size.map(|n| n.min(24)), 3 + 2 * seed, (seed % 2) as usize, seed);
             let labels: Vec<u8> = (0..size.iter().product::<usize>())
                 .map(|i| {

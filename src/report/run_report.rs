@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::classify::ClassifyCounts;
 use crate::execution::CostLog;
+use crate::export::vertices_merged_by_stl;
 use crate::grid::{Geometry, MaterialId};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
@@ -238,6 +239,12 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
     }
     if options.radius.is_none() && extraction.blur.is_some_and(|b| b.sigma_mm.is_none()) {
         out.push("too few clean interfaces to estimate the blur; the usual radius was used".into());
+    }
+    let merged = vertices_merged_by_stl(&extraction.mesh);
+    if merged > 0 {
+        out.push(format!(
+            "{merged} vertices fall together in the 32-bit coordinates of STL, as the volume lies far from the origin for its voxels' size: the STL files have defects there, the PLY files do not"
+        ));
     }
     if let Some(counts) = &extraction.classification {
         let densest = extraction.materials.count() - 1;
