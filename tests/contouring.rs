@@ -1,55 +1,19 @@
 //! Contouring without defects: all corner patterns, random label blocks, any crossing positions.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 use std::collections::HashMap;
 
 use interfacet::classify::LabelVolume;
 use interfacet::contour::marching::march;
 use interfacet::contour::pattern::{PARTITIONS, PatternTable};
-use interfacet::contour::{Border, CROSSING_MARGIN, CrossingRule, Midpoints, Patch};
+use interfacet::contour::{Border, CrossingRule, Midpoints, Patch};
 use interfacet::execution::Execution;
 use interfacet::grid::MaterialId;
 use proptest::prelude::*;
+use wild::{Wild, lumps, mix};
 
-/// Any crossing positions and any face decisions, reproducible from a seed; the faces of the cell
-/// at `cell` (padded) are decided by `bits`.
-struct Wild {
-    seed: u64,
-    cell: [usize; 3],
-    bits: u8,
-}
-
-fn mix(mut h: u64, values: &[usize]) -> u64 {
-    for &v in values {
-        h = (h ^ v as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
-        h ^= h >> 32;
-    }
-    h.wrapping_mul(0xD6E8_FEB8_6659_FD93) >> 20
-}
-
-impl CrossingRule for Wild {
-    fn position(&self, [x, y, z]: [usize; 3], axis: usize, _: [MaterialId; 2]) -> f32 {
-        let h = mix(self.seed, &[x, y, z, axis]);
-        match h % 4 {
-            0 => CROSSING_MARGIN,
-            1 => 1.0 - CROSSING_MARGIN,
-            _ => CROSSING_MARGIN + (1.0 - 2.0 * CROSSING_MARGIN) * ((h >> 2) % 4096) as f32 / 4095.0,
-        }
-    }
-
-    fn joins_first(&self, ring: [[usize; 3]; 4], _: [MaterialId; 2]) -> bool {
-        let [low, high] = [ring[0], ring[2]];
-        let axis = (0..3).find(|&a| low[a] == high[a]).unwrap();
-        let of_cell = (0..3).all(|a| {
-            let offset = low[a].wrapping_sub(self.cell[a]);
-            if a == axis { offset < 2 } else { offset == 0 }
-        });
-        if of_cell {
-            self.bits >> (2 * axis + low[axis] - self.cell[axis]) & 1 == 1
-        } else {
-            mix(self.seed, &[low[0], low[1], low[2], axis, 7]) & 1 == 1
-        }
-    }
-}
+mod wild;
 
 /// Asserts that every material's shell is closed, consistently oriented, and that every vertex
 /// link of it is one cycle; that kinds say how many materials meet; that no vertex is unused.
@@ -192,10 +156,7 @@ proptest! {
         smooth in 0usize..3,
         seed: u64,
     ) {
-        let [nx, ny, nz] = size;
-        let at = |x: usize, y: usize, z: usize| (mix(seed, &[x >> smooth, y >> smooth, z >> smooth]) % materials) as u8;
-        let labels: Vec<u8> =
-            (0..nx * ny * nz).map(|i| at(i % nx, i / nx % ny, i / (nx * ny))).collect();
+        let labels = lumps(size, materials, smooth, seed);
         prop_assume!(labels.iter().any(|&l| l != labels[0]));
         for border in [Border::Closed, Border::Open] {
             let rule = Wild { seed, cell: [usize::MAX; 3], bits: 0 };

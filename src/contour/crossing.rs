@@ -112,6 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[allow(clippy::float_cmp)] // these positions are exact in binary
     fn crossings_follow_the_pair_and_only_credible_voxels() {
         let materials = MaterialTable::new([("air", 0.0), ("al", 10.0), ("fe", 40.0)]).unwrap();
         let samples = [0.0f32, 20.0, 40.0, 12.0, 5.0];

@@ -15,4 +15,4 @@ pub use junctions::write_junctions;
 pub use ply::{PlyEncoding, PlyOptions, write_ply};
 pub use read::{ReadOptions, read_mesh};
 pub use staging::{RESULT_MARK, StagedFolder, write_atomically};
-pub use stl::write_stl;
+pub use stl::{vertices_merged_by_stl, write_stl};

@@ -7,9 +7,10 @@ use std::io::Write;
 use std::path::Path;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::{ExportError, write_atomically};
-use crate::mesh::Shell;
+use crate::mesh::{InterfaceMesh, Shell};
 
 /// Bytes of an STL header.
 pub(super) const HEADER: usize = 80;
@@ -45,6 +46,18 @@ pub fn write_stl(path: &Path, shell: &Shell, name: &str) -> Result<(), ExportErr
         }
         out.flush()
     })
+}
+
+/// How many vertices of `mesh` STL's `f32` coordinates make one with another: none unless the mesh
+/// lies far from the world's origin for the size of its triangles. A shell in which that happens
+/// is in general no longer closed or manifold for a reader.
+#[must_use]
+pub fn vertices_merged_by_stl(mesh: &InterfaceMesh) -> usize {
+    let rounded = |p: &DVec3| p.to_array().map(|c| (c as f32 + 0.0).to_bits()); // -0 is 0
+    let mut places: Vec<[u32; 3]> = mesh.positions().par_iter().map(rounded).collect();
+    places.par_sort_unstable();
+    places.dedup();
+    mesh.positions().len() - places.len()
 }
 
 /// The header: never starts with `solid`, by which readers know text files. Non-ASCII letters of

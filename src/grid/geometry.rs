@@ -165,6 +165,12 @@ impl Geometry {
         self.index_to_world().determinant() < 0.0
     }
 
+    /// Whether every index axis runs exactly along a world axis, one way or the other.
+    #[must_use]
+    pub fn is_along_axes(&self) -> bool {
+        self.direction.iter().flatten().filter(|&&c| c != 0.0).count() == 3
+    }
+
     /// The geometry of a part of this volume.
     ///
     /// # Errors
@@ -199,7 +205,9 @@ mod tests {
         let i = DVec3::new(3.0, 4.5, 6.0);
         assert!((g.index(g.world(i)) - i).length() < 1e-12);
         assert!((g.voxel_volume() - 0.4 * 0.5 * 0.6).abs() < 1e-12);
-        assert!(!g.is_mirrored());
+        assert!(!g.is_mirrored() && g.is_along_axes());
+        let turned = [[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
+        assert!(!Geometry::new([1; 3], [1.0; 3], [0.0; 3], turned).unwrap().is_along_axes());
         let part = g.crop(&VoxelBox { low: [3, 4, 5], high: [6, 6, 6] }).unwrap();
         assert_eq!(part.size(), [3, 2, 1]);
         assert!((part.world(DVec3::ZERO) - g.world(DVec3::new(3.0, 4.0, 5.0))).length() < 1e-12);

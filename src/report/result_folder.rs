@@ -12,7 +12,7 @@ use crate::execution::{Cancelled, Execution};
 use crate::export::{
     ExportError, PlyOptions, RESULT_MARK, write_atomically, write_junctions, write_ply, write_stl,
 };
-use crate::grid::MaterialId;
+use crate::grid::{Geometry, MaterialId};
 use crate::mesh::{JunctionCurve, MeshError, split};
 use crate::pipeline::Extraction;
 
@@ -33,6 +33,14 @@ pub enum ResultError {
     Cancelled(#[from] Cancelled),
 }
 
+/// How fine the coordinates of a volume's mesh have to be. Rounding to `float` keeps the order of
+/// coordinates, and so the cells' vertices in their cells, only where the lattice lies along the
+/// world's axes; any other lattice gets `double`.
+fn ply_options(geometry: &Geometry) -> PlyOptions {
+    let finest = geometry.spacing().into_iter().fold(f64::INFINITY, f64::min);
+    PlyOptions::new(if geometry.is_along_axes() { finest } else { 0.0 })
+}
+
 /// Writes the result of an extraction into `folder`, which must exist:
 ///
 /// - `assembly.ply`: the labelled mesh;
@@ -51,8 +59,7 @@ pub fn write_result(
     execution: &Execution,
 ) -> Result<(), ResultError> {
     let mesh = &extraction.mesh;
-    let finest = extraction.geometry.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    let options = PlyOptions::new(finest);
+    let options = ply_options(&extraction.geometry);
     let stage = execution.stage("writing", mesh.materials().len() as u64 + 3);
     write_ply(&folder.join("assembly.ply"), mesh, &options)?;
     stage.advance(1);

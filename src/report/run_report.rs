@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::classify::ClassifyCounts;
 use crate::execution::CostLog;
+use crate::export::vertices_merged_by_stl;
 use crate::grid::{Geometry, MaterialId};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
@@ -240,6 +241,12 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
         out.push(format!(
             "the radius R that the blur asks for ({:.2} voxels) would have lost thin parts, so {:.2} was used: interfaces between materials that are not neighbours in grey are less certain (set it with --radius)",
             from[0], to[0]
+        ));
+    }
+    let merged = vertices_merged_by_stl(&extraction.mesh);
+    if merged > 0 {
+        out.push(format!(
+            "{merged} vertices fall together in the 32-bit coordinates of STL, as the volume lies far from the origin for its voxels' size: the STL files have defects there, the PLY files do not"
         ));
     }
     if let Some(counts) = extraction.classification.as_ref().filter(|c| c.densest_kept_share() < KEPT_SHARE) {
