@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
 use serde::Deserialize;
 
+use super::failure;
 use super::input::InputArgs;
 use crate::contour::Border;
 use crate::execution::Execution;
@@ -47,7 +48,7 @@ pub(crate) struct Args {
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
     /// interfaces, smaller keeps thinner parts and sharper junctions.
-    #[arg(long, value_name = "R", help_heading = "Surface")]
+    #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = "Surface")]
     radius: Option<f64>,
 
     /// The surface at the volume's border: closed there, or left open.
@@ -108,10 +109,11 @@ impl Args {
         let materials = if self.labels {
             MaterialChoice::Labels
         } else if let Some(path) = &self.materials {
-            let text =
-                std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let file: MaterialsFile = toml::from_str(&text)
-                .with_context(|| format!("{} is not a materials file", path.display()))?;
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read the materials file {}", path.display()))?;
+            let file: MaterialsFile = toml::from_str(&text).with_context(|| {
+                format!("{} is not a materials file ([[material]] tables with name and grey)", path.display())
+            })?;
             MaterialChoice::Given(file.material)
         } else if !self.material.is_empty() {
             MaterialChoice::Given(self.material.iter().map(|m| m.0.clone()).collect())
@@ -131,7 +133,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         if !(1..=1024).contains(&threads) {
-            bail!("--threads {threads}: give a number between 1 and 1024");
+            bail!("--threads {threads}: give a number between 1 and 1024, or leave it out to use all cores");
         }
         pool = pool.num_threads(threads);
     }
@@ -159,15 +161,24 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     drop(stage);
     let curves = mesh.junctions.curves.clone();
     let report = RunReport::new(input, options, &extraction, mesh);
-    write_result(folder.path(), &extraction, &curves, &report, execution)?;
+    write_result(folder.path(), &extraction, &curves, &report, execution)
+        .map_err(|error| in_place(error.into(), folder.path(), &args.out))?;
     execution.check()?;
     folder.commit()?;
     if !args.quiet {
-        summary(&mut io::stdout().lock(), &args.out, &extraction, &report)
-            .context("cannot write to standard output")?;
+        match summary(&mut io::stdout().lock(), &args.out, &extraction, &report) {
+            // Whoever reads has seen enough: `interfacet extract ... | head`.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+            written => written.context("cannot write to standard output")?,
+        }
     }
     let unexpected = report.defect_count > 0 && report.options.border == Border::Closed;
     Ok(if unexpected { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// The error, with the path that the user gave for the hidden one where the result was being made.
+fn in_place(error: anyhow::Error, aside: &Path, out: &Path) -> anyhow::Error {
+    anyhow!(failure::message(&error).replace(&aside.display().to_string(), &out.display().to_string()))
 }
 
 /// What a person wants to know at once.

@@ -3,14 +3,15 @@
 mod check;
 mod compare;
 mod extract;
+mod failure;
 mod info;
 mod input;
+mod interrupt;
 mod phantom;
 mod progress;
 mod render;
 
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use clap::{Parser, Subcommand};
 
@@ -48,14 +49,12 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let execution = Execution::new(progress::for_terminal());
-    let cancel = execution.cancel_flag();
-    // Without a handler Ctrl-C still stops the run, only less politely.
-    let _ = ctrlc::set_handler(move || cancel.store(true, Ordering::Relaxed));
+    interrupt::install(execution.cancel_flag());
     match cli.run(&execution) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
-            if execution.is_cancelled() { ExitCode::from(130) } else { ExitCode::FAILURE }
+            eprintln!("error: {}", failure::message(&error));
+            if execution.is_cancelled() { interrupt::EXIT_CODE.into() } else { ExitCode::FAILURE }
         }
     }
 }
