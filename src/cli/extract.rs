@@ -18,13 +18,34 @@ use crate::mesh::{CheckOptions, MeshReport};
 use crate::pipeline::{Extraction, MaterialChoice, NamedGrey, PipelineOptions, extract};
 use crate::report::{InputReport, RunReport, write_result};
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet extract part.mha --out result
+      finds the materials by itself and writes into the folder result:
+        assembly.ply            the labelled mesh of all interfaces
+        materials/1_NAME.stl    the closed mesh of each material, also as .ply
+        junctions.vtk           the curves where three or more materials meet
+        report.json             what was used, found and measured
+        preview.png             a picture
+  interfacet extract slices/ --spacing 0.092 --out result
+      a folder of TIFF slices, which say nothing about spacing
+  interfacet extract part.raw --size 512,512,300 --type u16 --spacing 0.1 --out result
+      samples without a header
+  interfacet extract part.mha --material air=4000 --material alu=11600 --out result
+      materials by name; `interfacet info part.mha` shows the grey values
+  interfacet extract segmented.mha --labels --out result
+      a volume that another program has segmented
+";
+
 /// Arguments of `interfacet extract`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
     input: InputArgs,
 
-    /// Folder for the results. It is made; an earlier result there is replaced as a whole.
+    /// Folder for the results. It is made once all went well; an earlier result there is then
+    /// replaced as a whole, any other folder that is not empty is refused.
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
 
@@ -37,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE", help_heading = "Materials", conflicts_with_all = ["material", "count", "labels"])]
     materials: Option<PathBuf>,
 
-    /// How many materials to find, the background counted.
+    /// How many materials to find, the background (air) counted [default: as many as show].
     #[arg(long, value_name = "N", help_heading = "Materials", conflicts_with = "labels")]
     count: Option<usize>,
 
@@ -51,7 +72,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = "Surface")]
     radius: Option<f64>,
 
-    /// The surface at the volume's border: closed there, or left open.
+    /// What becomes of a material that reaches the volume's border: its mesh is closed there, or
+    /// left open.
     #[arg(long, value_enum, default_value_t = BorderName::Closed, help_heading = "Surface")]
     border: BorderName,
 

@@ -17,9 +17,20 @@ use clap::{Parser, Subcommand};
 
 use crate::execution::Execution;
 
+const FIRST_STEPS: &str = "\
+First steps:
+  interfacet info part.mha                     what is in the volume
+  interfacet extract part.mha --out result     the mesh, a report and a picture
+  interfacet check result/assembly.ply         is the mesh sound?
+No scan at hand? `interfacet phantom press-fit-ring --out part.mha` makes one.
+
+Each command has its own help with examples: interfacet extract --help.
+Exit codes: 0 done; 1 failed, or the mesh has defects; 2 bad arguments; 130 interrupted.
+Whatever goes wrong, an output is whole or not there, and an earlier one stays.";
+
 /// Labelled multi-material surface meshes from industrial CT volumes.
 #[derive(Debug, Parser)]
-#[command(name = "interfacet", version, about, max_term_width = 100)]
+#[command(name = "interfacet", version, about, after_help = FIRST_STEPS, max_term_width = 100)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,

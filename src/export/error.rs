@@ -118,9 +118,9 @@ impl ExportError {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path },
             io::ErrorKind::FileTooLarge => Self::FileTooLarge { path },
             io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => Self::NotWritable { path },
-            // What `tempfile` adds to an error is the name it made up, which tells nobody anything.
-            _ => match source.raw_os_error().or_else(|| os_error_within(&source)) {
-                Some(code) => Self::Write { path, source: io::Error::from_raw_os_error(code) },
+            // `tempfile` adds the name it made up, which tells nobody anything.
+            kind => match source.to_string().split_once(" at path ") {
+                Some((said, _)) => Self::Write { path, source: io::Error::new(kind, said) },
                 None => Self::Write { path, source },
             },
         }
@@ -130,16 +130,4 @@ impl ExportError {
     pub(crate) fn malformed(path: &Path, format: &'static str, what: impl Into<String>) -> Self {
         Self::Malformed { path: path.to_owned(), format, what: what.into() }
     }
-}
-
-/// The system's error code that an error wraps.
-fn os_error_within(error: &io::Error) -> Option<i32> {
-    let mut inner: Option<&(dyn std::error::Error + 'static)> = error.get_ref().map(|e| e as _);
-    while let Some(e) = inner {
-        if let Some(code) = e.downcast_ref::<io::Error>().and_then(io::Error::raw_os_error) {
-            return Some(code);
-        }
-        inner = e.source();
-    }
-    None
 }
