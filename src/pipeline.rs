@@ -36,6 +36,9 @@ pub enum MaterialChoice {
     Find {
         /// How many, if known.
         count: Option<usize>,
+        /// Their names by ascending grey value, the background's first; as many as there are. Empty:
+        /// `air`, `material1`, ...
+        names: Vec<String>,
     },
     /// Given by name and mean grey value, in ascending order, the background first.
     Given(Vec<NamedGrey>),
@@ -46,7 +49,7 @@ pub enum MaterialChoice {
 
 impl Default for MaterialChoice {
     fn default() -> Self {
-        Self::Find { count: None }
+        Self::Find { count: None, names: Vec::new() }
     }
 }
 
@@ -235,7 +238,13 @@ fn choose_materials<S: Sample>(
             check_present(samples, &table)?;
             Ok(Found { table: measure_statistics(samples, size, table), rejected: Vec::new() })
         }
-        MaterialChoice::Find { count } => Ok(find_materials(samples, size, *count)?),
+        MaterialChoice::Find { count, names } => {
+            let mut found = find_materials(samples, size, *count)?;
+            if !names.is_empty() {
+                found.table = found.table.renamed(names)?;
+            }
+            Ok(found)
+        }
         MaterialChoice::Labels => Ok(find_materials(samples, size, None)?),
     }
 }

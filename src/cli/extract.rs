@@ -62,6 +62,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", help_heading = "Materials", conflicts_with = "labels")]
     count: Option<usize>,
 
+    /// Names for the materials found, by ascending grey value, the background first [default: air,
+    /// material1, ...].
+    #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', help_heading = "Materials", conflicts_with_all = ["material", "materials", "labels"])]
+    names: Vec<String>,
+
     /// The volume is segmented already: every different value is a material, the lowest the
     /// background. Crossings lie halfway between voxels.
     #[arg(long, help_heading = "Materials")]
@@ -140,7 +145,7 @@ impl Args {
         } else if !self.material.is_empty() {
             MaterialChoice::Given(self.material.iter().map(|m| m.0.clone()).collect())
         } else {
-            MaterialChoice::Find { count: self.count }
+            MaterialChoice::Find { count: self.count, names: self.names.clone() }
         };
         let border = match self.border {
             BorderName::Closed => Border::Closed,

@@ -44,6 +44,18 @@ pub enum MaterialTableError {
         /// Its mean.
         second_mean: f64,
     },
+    /// Names for another number of materials.
+    #[error(
+        "{names} names given for the {count} materials found, near grey values {greys:.6?}; give one name each, or the number of materials with --count"
+    )]
+    NameCount {
+        /// Names given.
+        names: usize,
+        /// Materials.
+        count: usize,
+        /// Their mean grey values.
+        greys: Vec<f64>,
+    },
     /// A name used twice or not fit for a file name.
     #[error("the material name '{name}' is {problem}; use letters, digits, '-' and '_', each name once")]
     Name {
@@ -131,6 +143,21 @@ impl MaterialTable {
         Ok(Self { materials })
     }
 
+    /// The table with other names, in order.
+    ///
+    /// # Errors
+    /// [`MaterialTableError::NameCount`] if there are more or fewer names than materials;
+    /// [`MaterialTableError::Name`] for an unusable one.
+    pub fn renamed(&self, names: &[String]) -> Result<Self, MaterialTableError> {
+        if names.len() != self.count() {
+            let greys = self.materials.iter().map(|m| m.mean).collect();
+            return Err(MaterialTableError::NameCount { names: names.len(), count: self.count(), greys });
+        }
+        let statistics: Vec<_> = self.materials.iter().map(|m| (m.sigma, m.voxels)).collect();
+        let table = Self::new(names.iter().cloned().zip(self.materials.iter().map(|m| m.mean)))?;
+        Ok(table.with_statistics(&statistics))
+    }
+
     /// The table with measured statistics (`sigma`, `voxels`) per material, in order.
     #[must_use]
     pub fn with_statistics(mut self, statistics: &[(Option<f64>, Option<u64>)]) -> Self {
@@ -185,6 +212,12 @@ mod tests {
         assert!(matches!(table(&[("a", 2.0), ("../b", 3.0)]), Err(MaterialTableError::Name { .. })));
         let many: Vec<_> = (0..255).map(|i| (format!("m{i}"), f64::from(i))).collect();
         assert!(matches!(MaterialTable::new(many), Err(MaterialTableError::TooMany { count: 255, .. })));
+        let two = table(&[("a", 2.0), ("b", 3.0)]).unwrap();
+        assert_eq!(two.renamed(&["air".into(), "al".into()]).unwrap().materials()[1].name, "al");
+        assert!(matches!(
+            two.renamed(&["air".into()]),
+            Err(MaterialTableError::NameCount { names: 1, count: 2, .. })
+        ));
         let good = table(&[("air", 4000.0), ("aluminium", 11600.0), ("iron", 40000.0)]).unwrap();
         assert!((good.threshold(MaterialId(0), MaterialId(2)) - 22000.0).abs() < 1e-9);
     }
