@@ -70,7 +70,13 @@ impl PipelineOptions {
     /// [`PipelineError`] names the option.
     pub fn check(&self, geometry: &Geometry) -> Result<(), PipelineError> {
         match &self.materials {
-            MaterialChoice::Find { count } => check_count(*count)?,
+            MaterialChoice::Find { count, names } => {
+                check_count(*count)?;
+                if !names.is_empty() {
+                    // Any grey values will do to find out whether the names do.
+                    MaterialTable::new(names.iter().cloned().zip((0..).map(f64::from)))?;
+                }
+            }
             MaterialChoice::Given(given) => drop(table_of(given)?),
             MaterialChoice::Labels => {}
         }
