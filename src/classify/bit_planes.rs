@@ -115,6 +115,30 @@ impl BitPlanes {
             .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
     }
 
+    /// One of the planes on its own.
+    #[must_use]
+    pub fn plane(&self, plane: usize) -> Self {
+        let size = self.padded.map(|n| n - 2);
+        let mut out = Self::new(size, 1);
+        out.fill_slices(|z, mut slice| {
+            for y in 0..self.padded[1] {
+                slice.row(0, y).copy_from_slice(self.row(plane, y, z));
+            }
+        });
+        out
+    }
+
+    /// The number of bits set both in `plane` of these planes and in `other_plane` of others over
+    /// the same lattice.
+    #[must_use]
+    pub fn count_common(&self, plane: usize, other: &Self, other_plane: usize) -> u64 {
+        let row = |y: usize, z: usize| {
+            let pairs = self.row(plane, y, z).iter().zip(other.row(other_plane, y, z));
+            pairs.map(|(a, b)| u64::from((a & b).count_ones())).sum::<u64>()
+        };
+        (0..self.padded[2]).into_par_iter().map(|z| (0..self.padded[1]).map(|y| row(y, z)).sum::<u64>()).sum()
+    }
+
     /// The word mask of a row's voxels: its bits without the outside points at both ends.
     #[must_use]
     pub fn voxel_mask(&self, word: usize) -> u64 {
@@ -174,6 +198,9 @@ mod tests {
                 }
             }
             assert_eq!(planes.counts(), vec![0, expected]);
+            assert_eq!(planes.plane(1).counts(), vec![expected]);
+            assert_eq!(planes.count_common(1, &planes.plane(1), 0), expected);
+            assert_eq!(planes.count_common(0, &planes, 1), 0);
             let voxels: u32 = (0..planes.words()).map(|w| planes.voxel_mask(w).count_ones()).sum();
             assert_eq!(voxels as usize, nx);
             assert_eq!(planes.voxel_mask(0) & 1, 0);

@@ -46,12 +46,25 @@ pub struct ClassifyCounts {
     pub junction: u64,
     /// After thinning.
     pub labelled: Vec<u64>,
+    /// Voxels that have the densest material both by grey value alone and in the end.
+    pub densest_kept: u64,
     /// Rounds of thinning.
     pub thinning_rounds: usize,
     /// Rounds that settled voxels no removable cell reached.
     pub settling_rounds: usize,
     /// Voxels settled in those.
     pub settled: u64,
+}
+
+impl ClassifyCounts {
+    /// The share of the densest material's voxels by grey value that it still has in the end. What
+    /// is missing went to other materials because its parts are thin. Of the other materials this
+    /// would say nothing: their grey range holds blurred interfaces between their neighbours, too.
+    #[must_use]
+    pub fn densest_kept_share(&self) -> f64 {
+        let by_grey = self.alpha.last().copied().unwrap_or(0);
+        if by_grey == 0 { 1.0 } else { self.densest_kept as f64 / by_grey as f64 }
+    }
 }
 
 /// A classified volume.
@@ -99,6 +112,8 @@ pub fn classify<S: Sample>(
     execution.check()?;
     pair(samples, &mut b, &alpha, &Ball::new(radius.map(|r| 2.0 * r)), materials);
     let alpha_counts = alpha.counts();
+    let densest = alpha.count() - 1;
+    let densest_alpha = alpha.plane(densest);
     drop(alpha);
     let pair_counts = b.counts();
     let junction = junction(&b);
@@ -115,6 +130,7 @@ pub fn classify<S: Sample>(
         pair: pair_counts,
         junction: junction.counts()[0],
         labelled: b.counts(),
+        densest_kept: densest_alpha.count_common(0, &b, densest),
         thinning_rounds: thinned.rounds,
         settling_rounds: thinned.settling_rounds,
         settled: thinned.settled,

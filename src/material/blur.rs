@@ -47,6 +47,35 @@ pub struct Blur {
     pub profiles: usize,
     /// Radius R in voxels per axis.
     pub radius: [f64; 3],
+    /// The radius that the blur asks for, where a smaller one was used because thin parts would
+    /// have been lost.
+    pub lowered_from: Option<[f64; 3]>,
+}
+
+/// A radius is not lowered below this many sigma: beneath it the grey range of a third material
+/// between two others is as thick as the ball, and passes for that material.
+const LOWEST_RADIUS_PER_SIGMA: f64 = 1.4;
+
+impl Blur {
+    /// A radius R given by the user, in voxels of mean edge length.
+    #[must_use]
+    pub fn given(radius: f64, geometry: &Geometry) -> Self {
+        Self { sigma_mm: None, profiles: 0, radius: radius_per_axis(radius, geometry), lowered_from: None }
+    }
+
+    /// The same blur with the next smaller radius, for parts thinner than twice this one; `None`
+    /// once it is as small as the blur allows.
+    #[must_use]
+    pub fn lowered(&self, geometry: &Geometry) -> Option<Self> {
+        const STEP: f64 = 0.8;
+        let edge = geometry.voxel_edge();
+        let sigma = self.sigma_mm.map_or(DEFAULT_RADIUS / RADIUS_PER_SIGMA, |s| s / edge);
+        let lowest = (LOWEST_RADIUS_PER_SIGMA * sigma).max(1.0);
+        let now = self.radius[0] * geometry.spacing()[0] / edge;
+        let next = (STEP * now).max(lowest);
+        let lowered_from = Some(self.lowered_from.unwrap_or(self.radius));
+        (next < 0.99 * now).then(|| Self { radius: radius_per_axis(next, geometry), lowered_from, ..*self })
+    }
 }
 
 /// Radius of a sphere of `radius` (in voxels of mean edge length) in voxels per axis.
@@ -73,7 +102,12 @@ pub fn estimate_blur<S: Sample>(samples: &[S], geometry: &Geometry, materials: &
     let sigma = (profiles >= MIN_PROFILES).then(|| *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
     // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
     let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
-    Blur { sigma_mm: sigma.map(|s| s * edge), profiles, radius: radius_per_axis(radius, geometry) }
+    Blur {
+        sigma_mm: sigma.map(|s| s * edge),
+        profiles,
+        radius: radius_per_axis(radius, geometry),
+        lowered_from: None,
+    }
 }
 
 /// The profile through `voxel` along `axis`, if the voxel is the last one before a clean crossing.

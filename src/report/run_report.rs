@@ -9,10 +9,7 @@ use crate::execution::CostLog;
 use crate::grid::{Geometry, MaterialId};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
-use crate::pipeline::{Extraction, PipelineOptions};
-
-/// Below this share of a material's voxels by grey value, the rest of it was lost to thinness.
-const KEPT_SHARE: f64 = 0.7;
+use crate::pipeline::{Extraction, KEPT_SHARE, PipelineOptions};
 
 /// The report of a run; lengths in mm, areas in mm², volumes in mm³.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -239,22 +236,18 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
     if options.radius.is_none() && extraction.blur.is_some_and(|b| b.sigma_mm.is_none()) {
         out.push("too few clean interfaces to estimate the blur; the usual radius was used".into());
     }
-    if let Some(counts) = &extraction.classification {
+    if let Some((from, to)) = extraction.blur.and_then(|b| b.lowered_from.map(|from| (from, b.radius))) {
+        out.push(format!(
+            "the radius R that the blur asks for ({:.2} voxels) would have lost thin parts, so {:.2} was used: interfaces between materials that are not neighbours in grey are less certain (set it with --radius)",
+            from[0], to[0]
+        ));
+    }
+    if let Some(counts) = extraction.classification.as_ref().filter(|c| c.densest_kept_share() < KEPT_SHARE) {
         let densest = extraction.materials.count() - 1;
-        for material in &extraction.materials.materials()[1..] {
-            let id = usize::from(material.id.0);
-            let (before, after) = (counts.alpha[id] as f64, counts.labelled[id] as f64);
-            // The grey range of a material between two others holds their blurred interface too,
-            // so only the densest one must keep what its grey values say.
-            let lost =
-                if id == densest { after < KEPT_SHARE * before } else { after < 0.5 * KEPT_SHARE * before };
-            if lost {
-                out.push(format!(
-                    "{} has {:.0} voxels by grey value but only {:.0} were kept: parts thinner than twice the blur radius are lost (try a smaller --radius)",
-                    material.name, before, after
-                ));
-            }
-        }
+        out.push(format!(
+            "{} has {} voxels by grey value but only {} were kept: parts thinner than twice the blur radius are lost (try a smaller --radius)",
+            extraction.materials.materials()[densest].name, counts.alpha[densest], counts.densest_kept
+        ));
     }
     out
 }
