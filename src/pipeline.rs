@@ -3,14 +3,14 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::classify::{Classification, ClassifyCounts, ClassifyError, LabelVolume, classify};
+use crate::classify::{Classification, ClassifyCounts, ClassifyError, LabelVolume, check_radius, classify};
 use crate::contour::marching::march;
 use crate::contour::{Border, ContourError, Midpoints, Thresholds};
 use crate::execution::{Cancelled, CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, estimate_blur, find_materials,
-    measure_statistics,
+    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, check_count, check_present,
+    estimate_blur, find_materials, measure_statistics, radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshError, MeshMaterial};
 use crate::volume::{Sample, Samples, VolumeError, VolumeSource};
@@ -63,6 +63,30 @@ pub struct NamedGrey {
     pub grey: f64,
 }
 
+impl PipelineOptions {
+    /// What can be refused before a volume of this geometry is read, which may take minutes.
+    ///
+    /// # Errors
+    /// [`PipelineError`] names the option.
+    pub fn check(&self, geometry: &Geometry) -> Result<(), PipelineError> {
+        match &self.materials {
+            MaterialChoice::Find { count, names } => {
+                check_count(*count)?;
+                if !names.is_empty() {
+                    // Any grey values will do to find out whether the names do.
+                    MaterialTable::new(names.iter().cloned().zip((0..).map(f64::from)))?;
+                }
+            }
+            MaterialChoice::Given(given) => drop(table_of(given)?),
+            MaterialChoice::Labels => {}
+        }
+        if let Some(radius) = self.radius {
+            check_radius(radius_per_axis(radius, geometry))?;
+        }
+        Ok(())
+    }
+}
+
 /// Why a volume did not become a mesh.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -82,6 +106,14 @@ pub enum PipelineError {
     /// The surface could not be extracted.
     #[error(transparent)]
     Contour(#[from] ContourError),
+    /// All voxels became one material.
+    #[error(
+        "every voxel was given to the material '{material}', so there is no interface; check the materials' grey values (`interfacet info` shows the histogram), or try a smaller --radius"
+    )]
+    NoInterface {
+        /// Its name.
+        material: String,
+    },
     /// The surface makes no mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),
@@ -125,6 +157,7 @@ pub fn extract(
     options: &PipelineOptions,
     execution: &Execution,
 ) -> Result<Extraction, PipelineError> {
+    options.check(source.geometry())?;
     let mut costs = CostLog::default();
     let stage = execution.stage("reading", 0);
     let samples = costs.measure("read", || source.read_all())?;
@@ -169,6 +202,9 @@ fn from_greys<S: Sample>(
             _ => break classified?,
         }
     };
+    if let [material] = present(&materials, &counts.labelled)[..] {
+        return Err(PipelineError::NoInterface { material: material.into() });
+    }
     let rule = Thresholds::new(samples, size, &junction, &materials);
     let patch = costs.measure("contour", || march(&labels, &rule, options.border, execution))?;
     let listed = MeshMaterial::from_table(&materials);
@@ -184,6 +220,12 @@ fn from_greys<S: Sample>(
         mesh,
         costs,
     })
+}
+
+/// The names of the materials that have voxels.
+fn present<'a>(materials: &'a MaterialTable, voxels: &[u64]) -> Vec<&'a str> {
+    let counted = materials.materials().iter().zip(voxels);
+    counted.filter(|(_, n)| **n > 0).map(|(m, _)| m.name.as_str()).collect()
 }
 
 /// The short way: the volume is segmented already, crossings are midpoints.
@@ -214,7 +256,8 @@ fn choose_materials<S: Sample>(
 ) -> Result<Found, PipelineError> {
     match choice {
         MaterialChoice::Given(given) => {
-            let table = MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))?;
+            let table = table_of(given)?;
+            check_present(samples, &table)?;
             Ok(Found { table: measure_statistics(samples, size, table), rejected: Vec::new() })
         }
         MaterialChoice::Find { count, names } => {
@@ -226,6 +269,10 @@ fn choose_materials<S: Sample>(
         }
         MaterialChoice::Labels => Ok(find_materials(samples, size, None)?),
     }
+}
+
+fn table_of(given: &[NamedGrey]) -> Result<MaterialTable, MaterialTableError> {
+    MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))
 }
 
 /// The materials and the blur that [`extract`] would use, without extracting.

@@ -16,7 +16,9 @@ pub enum ClassifyError {
         radius: [f64; 3],
     },
     /// The blur radius is not usable.
-    #[error("the blur radius {radius:?} is not usable: every value must be between 0 and {limit} voxels")]
+    #[error(
+        "the blur radius {radius:?} is not usable: every value must be above 0 and at most {limit} voxels; 2 or 3 is usual (--radius)"
+    )]
     Radius {
         /// As given, voxels per axis.
         radius: [f64; 3],
@@ -24,13 +26,17 @@ pub enum ClassifyError {
         limit: f64,
     },
     /// A label volume with too many labels.
-    #[error("the label volume has more than {limit} different labels; is it a grey-value volume?")]
+    #[error(
+        "the label volume has more than {limit} different labels, which is the most there may be; merge some, or leave out --labels if it holds grey values"
+    )]
     TooManyLabels {
         /// How many there may be.
         limit: usize,
     },
     /// A label volume with a single label.
-    #[error("every voxel has the label {label}; an interface needs at least 2 labels")]
+    #[error(
+        "every voxel has the label {label}; an interface needs at least 2 labels; leave out --labels if the volume holds grey values, or take another part with --roi"
+    )]
     OneLabel {
         /// The label.
         label: f64,

@@ -78,6 +78,17 @@ pub struct Classification {
     pub counts: ClassifyCounts,
 }
 
+/// Whether a blur radius (R, in voxels per axis) is usable.
+///
+/// # Errors
+/// [`ClassifyError::Radius`] if it is not.
+pub fn check_radius(radius: [f64; 3]) -> Result<(), ClassifyError> {
+    if radius.iter().all(|r| *r > 0.0 && *r <= MAX_RADIUS) {
+        return Ok(());
+    }
+    Err(ClassifyError::Radius { radius, limit: MAX_RADIUS })
+}
+
 /// Classifies a volume of `samples` (x fastest) with blur radius `radius` (R, in voxels per axis).
 ///
 /// # Errors
@@ -90,9 +101,7 @@ pub fn classify<S: Sample>(
     radius: [f64; 3],
     execution: &Execution,
 ) -> Result<Classification, ClassifyError> {
-    if !radius.iter().all(|r| *r > 0.0 && *r <= MAX_RADIUS) {
-        return Err(ClassifyError::Radius { radius, limit: MAX_RADIUS });
-    }
+    check_radius(radius)?;
     let stage = execution.stage("classifying voxels", 4);
     let alpha = alpha(samples, size, materials);
     stage.advance(1);

@@ -12,8 +12,19 @@ use crate::grid::MaterialId;
 use crate::mesh::check::{EdgeDefect, Listed, TrianglePairDefect, VertexDefect};
 use crate::mesh::{CheckOptions, MeshReport};
 
+const EXAMPLES: &str = "\
+Exit code: 0 if the mesh has no defects, 1 if it has some or cannot be read.
+
+Examples:
+  interfacet check result/assembly.ply
+      is every shell closed and consistent, does anything intersect itself?
+  interfacet check part.stl --json defects.json
+      a mesh of another program; all defects with their places go into the file
+";
+
 /// Arguments of `interfacet check`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// The mesh: PLY or STL, ascii or binary.
     mesh: PathBuf,

@@ -12,8 +12,19 @@ use crate::export::{ReadOptions, read_mesh, write_atomically};
 use crate::phantom::compare::{CompareOptions, Comparison, Distances, compare};
 use crate::phantom::{Phantom, SceneName, Sidecar};
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet phantom cube-in-cube --out part.mha
+  interfacet extract part.mha --out result
+  interfacet compare result/assembly.ply --truth part.phantom.json
+      how far the mesh is from the exact geometry, in voxels
+  interfacet compare result/assembly.ply --truth part.phantom.json --error-ply error.ply
+      and the mesh coloured by its error
+";
+
 /// Arguments of `interfacet compare`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// The mesh, as `interfacet extract` writes it.
     mesh: PathBuf,

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::ValueEnum;
 use serde::Deserialize;
 
+use super::failure;
 use super::input::InputArgs;
 use crate::contour::Border;
 use crate::execution::Execution;
@@ -17,13 +18,34 @@ use crate::mesh::{CheckOptions, MeshReport};
 use crate::pipeline::{Extraction, MaterialChoice, NamedGrey, PipelineOptions, extract};
 use crate::report::{InputReport, RunReport, write_result};
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet extract part.mha --out result
+      finds the materials by itself and writes into the folder result:
+        assembly.ply            the labelled mesh of all interfaces
+        materials/1_NAME.stl    the closed mesh of each material, also as .ply
+        junctions.vtk           the curves where three or more materials meet
+        report.json             what was used, found and measured
+        preview.png             a picture
+  interfacet extract slices/ --spacing 0.092 --out result
+      a folder of TIFF slices, which say nothing about spacing
+  interfacet extract part.raw --size 512,512,300 --type u16 --spacing 0.1 --out result
+      samples without a header
+  interfacet extract part.mha --material air=4000 --material alu=11600 --out result
+      materials by name; `interfacet info part.mha` shows the grey values
+  interfacet extract segmented.mha --labels --out result
+      a volume that another program has segmented
+";
+
 /// Arguments of `interfacet extract`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
     input: InputArgs,
 
-    /// Folder for the results. It is made; an earlier result there is replaced as a whole.
+    /// Folder for the results. It is made once all went well; an earlier result there is then
+    /// replaced as a whole, any other folder that is not empty is refused.
     #[arg(long, short, value_name = "DIR")]
     out: PathBuf,
 
@@ -36,7 +58,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE", help_heading = "Materials", conflicts_with_all = ["material", "count", "labels"])]
     materials: Option<PathBuf>,
 
-    /// How many materials to find, the background counted.
+    /// How many materials to find, the background (air) counted [default: as many as show].
     #[arg(long, value_name = "N", help_heading = "Materials", conflicts_with = "labels")]
     count: Option<usize>,
 
@@ -52,10 +74,11 @@ pub(crate) struct Args {
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
     /// interfaces, smaller keeps thinner parts and sharper junctions.
-    #[arg(long, value_name = "R", help_heading = "Surface")]
+    #[arg(long, value_name = "R", allow_negative_numbers = true, help_heading = "Surface")]
     radius: Option<f64>,
 
-    /// The surface at the volume's border: closed there, or left open.
+    /// What becomes of a material that reaches the volume's border: its mesh is closed there, or
+    /// left open.
     #[arg(long, value_enum, default_value_t = BorderName::Closed, help_heading = "Surface")]
     border: BorderName,
 
@@ -113,10 +136,11 @@ impl Args {
         let materials = if self.labels {
             MaterialChoice::Labels
         } else if let Some(path) = &self.materials {
-            let text =
-                std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let file: MaterialsFile = toml::from_str(&text)
-                .with_context(|| format!("{} is not a materials file", path.display()))?;
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read the materials file {}", path.display()))?;
+            let file: MaterialsFile = toml::from_str(&text).with_context(|| {
+                format!("{} is not a materials file ([[material]] tables with name and grey)", path.display())
+            })?;
             MaterialChoice::Given(file.material)
         } else if !self.material.is_empty() {
             MaterialChoice::Given(self.material.iter().map(|m| m.0.clone()).collect())
@@ -136,7 +160,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         if !(1..=1024).contains(&threads) {
-            bail!("--threads {threads}: give a number between 1 and 1024");
+            bail!("--threads {threads}: give a number between 1 and 1024, or leave it out to use all cores");
         }
         pool = pool.num_threads(threads);
     }
@@ -164,15 +188,24 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     drop(stage);
     let curves = mesh.junctions.curves.clone();
     let report = RunReport::new(input, options, &extraction, mesh);
-    write_result(folder.path(), &extraction, &curves, &report, execution)?;
+    write_result(folder.path(), &extraction, &curves, &report, execution)
+        .map_err(|error| in_place(error.into(), folder.path(), &args.out))?;
     execution.check()?;
     folder.commit()?;
     if !args.quiet {
-        summary(&mut io::stdout().lock(), &args.out, &extraction, &report)
-            .context("cannot write to standard output")?;
+        match summary(&mut io::stdout().lock(), &args.out, &extraction, &report) {
+            // Whoever reads has seen enough: `interfacet extract ... | head`.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+            written => written.context("cannot write to standard output")?,
+        }
     }
     let unexpected = report.defect_count > 0 && report.options.border == Border::Closed;
     Ok(if unexpected { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// The error, with the path that the user gave for the hidden one where the result was being made.
+fn in_place(error: anyhow::Error, aside: &Path, out: &Path) -> anyhow::Error {
+    anyhow!(failure::message(&error).replace(&aside.display().to_string(), &out.display().to_string()))
 }
 
 /// What a person wants to know at once.

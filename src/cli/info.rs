@@ -14,8 +14,16 @@ use crate::pipeline::{MaterialChoice, survey};
 use crate::volume::{Sample, SampleType, Samples, VolumeError, VolumeSource};
 use crate::with_samples;
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet info part.mha
+  interfacet info slices/ --spacing 0.092 --roi 100:300,100:300,:
+  interfacet info part.raw --size 512,512,300 --type u16 --json
+";
+
 /// Arguments of `interfacet info`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
     input: InputArgs,

@@ -18,7 +18,7 @@ pub(crate) struct InputArgs {
     pub(crate) input: PathBuf,
 
     /// Voxel spacing in mm: three numbers, or one for all axes. Replaces the spacing in the file.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_spacing, help_heading = "Input")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_spacing, allow_negative_numbers = true, help_heading = "Input")]
     pub(crate) spacing: Option<Triple<f64>>,
 
     /// Read this part only, in voxels: the first and one past the last of each axis. A missing

@@ -3,22 +3,34 @@
 mod check;
 mod compare;
 mod extract;
+mod failure;
 mod info;
 mod input;
+mod interrupt;
 mod phantom;
 mod progress;
 mod render;
 
 use std::process::ExitCode;
-use std::sync::atomic::Ordering;
 
 use clap::{Parser, Subcommand};
 
 use crate::execution::Execution;
 
+const FIRST_STEPS: &str = "\
+First steps:
+  interfacet info part.mha                     what is in the volume
+  interfacet extract part.mha --out result     the mesh, a report and a picture
+  interfacet check result/assembly.ply         is the mesh sound?
+No scan at hand? `interfacet phantom press-fit-ring --out part.mha` makes one.
+
+Each command has its own help with examples: interfacet extract --help.
+Exit codes: 0 done; 1 failed, or the mesh has defects; 2 bad arguments; 130 interrupted.
+Whatever goes wrong, an output is whole or not there, and an earlier one stays.";
+
 /// Labelled multi-material surface meshes from industrial CT volumes.
 #[derive(Debug, Parser)]
-#[command(name = "interfacet", version, about, max_term_width = 100)]
+#[command(name = "interfacet", version, about, after_help = FIRST_STEPS, max_term_width = 100)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -48,14 +60,12 @@ enum Command {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let execution = Execution::new(progress::for_terminal());
-    let cancel = execution.cancel_flag();
-    // Without a handler Ctrl-C still stops the run, only less politely.
-    let _ = ctrlc::set_handler(move || cancel.store(true, Ordering::Relaxed));
+    interrupt::install(execution.cancel_flag());
     match cli.run(&execution) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
-            if execution.is_cancelled() { ExitCode::from(130) } else { ExitCode::FAILURE }
+            eprintln!("error: {}", failure::message(&error));
+            if execution.is_cancelled() { interrupt::EXIT_CODE.into() } else { ExitCode::FAILURE }
         }
     }
 }

@@ -50,9 +50,17 @@ impl ObjectArgs {
     }
 }
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet phantom press-fit-ring --out part.mha
+      writes part.mha, and the exact geometry to part.phantom.json
+  interfacet phantom thin-plate --thickness 2.5 --size 128 --noise 3 --out plate.mha
+  interfacet phantom --list
+";
+
 /// Arguments of `interfacet phantom`.
 #[derive(Debug, clap::Args)]
-#[command(after_help = after_help(), after_long_help = list())]
+#[command(after_help = after_help(), after_long_help = format!("{EXAMPLES}\n{}", list()))]
 pub(crate) struct Args {
     /// The object; --list says what there is.
     #[arg(value_name = "NAME", required_unless_present = "list")]
@@ -148,7 +156,7 @@ fn sample_type(text: &str) -> Result<SampleType, String> {
 
 fn after_help() -> String {
     let names: Vec<_> = SceneName::ALL.iter().map(|s| s.name()).collect();
-    format!("Objects: {}. --list says what they show.", names.join(", "))
+    format!("{EXAMPLES}\nObjects: {}. --list says what they show.", names.join(", "))
 }
 
 fn list() -> String {

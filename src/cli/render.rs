@@ -12,14 +12,24 @@ use crate::mesh::InterfaceMesh;
 use crate::report::{Background, Cut, RenderOptions, SliceOptions, render, slice_picture};
 use crate::volume::{OpenOptions, open};
 
+const EXAMPLES: &str = "\
+Examples:
+  interfacet render result/assembly.ply --out part.png
+  interfacet render result/assembly.ply --cut z=20 --caps --out inside.png
+      cut open at z = 20 mm, with the materials in section
+  interfacet render result/assembly.ply --volume part.mha --slice z=40 --out slice.png
+      slice 40 of the volume with the outline of the mesh
+";
+
 /// Arguments of `interfacet render`.
 #[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// The mesh. With --volume it may be left out: then the slice is drawn alone.
     #[arg(required_unless_present = "volume")]
     mesh: Option<PathBuf>,
     /// The picture to write (PNG).
-    #[arg(long, value_name = "PNG")]
+    #[arg(long, short, value_name = "PNG")]
     out: PathBuf,
     /// Show only this material; may be given several times.
     #[arg(long, value_name = "NAME|ID", requires = "mesh")]

@@ -35,7 +35,7 @@ impl Progress for Silent {
 
 /// A run was asked to stop before it was done.
 #[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
-#[error("cancelled before it was done; nothing was written")]
+#[error("interrupted before it was done; nothing unfinished was left behind")]
 pub struct Cancelled;
 
 /// Execution options: a progress sink and a cancellation flag, passed into every long stage.

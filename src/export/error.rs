@@ -26,15 +26,24 @@ pub enum ExportError {
         path: PathBuf,
     },
     /// The folder for the result does not exist.
-    #[error("cannot write {}: the folder {} does not exist; create it first", path.display(), folder.display())]
+    #[error("cannot write {}: there is no folder {}; create it first, or choose another", path.display(), folder.display())]
     NoFolder {
         /// The file or folder to be written.
         path: PathBuf,
         /// The folder that is missing.
         folder: PathBuf,
     },
+    /// A limit on the size of a file.
+    #[error(
+        "cannot write {}: the file is too large for the disk, or for the limit that the shell sets (ulimit -f); choose a folder on another disk, or raise the limit. Nothing was left behind",
+        path.display()
+    )]
+    FileTooLarge {
+        /// The file or folder.
+        path: PathBuf,
+    },
     /// Writing failed otherwise.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}: {source}; choose another folder, or another name", path.display())]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -66,7 +75,7 @@ pub enum ExportError {
         what: String,
     },
     /// A file could not be opened or read.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}: {source}; check the path and whether you may read it", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -107,8 +116,13 @@ impl ExportError {
         let path = path.to_owned();
         match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path },
+            io::ErrorKind::FileTooLarge => Self::FileTooLarge { path },
             io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => Self::NotWritable { path },
-            _ => Self::Write { path, source },
+            // `tempfile` adds the name it made up, which tells nobody anything.
+            kind => match source.to_string().split_once(" at path ") {
+                Some((said, _)) => Self::Write { path, source: io::Error::new(kind, said) },
+                None => Self::Write { path, source },
+            },
         }
     }
 

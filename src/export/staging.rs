@@ -2,12 +2,16 @@
 //!
 //! Guarantee: whatever goes wrong, the final path holds either what it held before or the finished
 //! result, and nothing else is left behind (unless the process is killed: then a hidden
-//! `.interfacet-*` entry may remain beside it). Not guaranteed: that replacing an existing *folder*
-//! is one step; between its two renames the old one exists under a hidden name.
+//! `.interfacet-*` entry may remain beside it). A program that must end at once, whatever its other
+//! threads are at, keeps the guarantee by [`abandon_unfinished`]. Not guaranteed: that replacing an
+//! existing *folder* is one step; between its two renames the old one exists under a hidden name.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Read};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::Duration;
 
 use tempfile::{Builder, TempDir};
 
@@ -17,6 +21,70 @@ use super::ExportError;
 pub const RESULT_MARK: &str = "report.json";
 
 const PREFIX: &str = ".interfacet-";
+
+/// What this process has aside and not in place yet. Whoever makes such an entry or puts it in place
+/// holds the lock meanwhile, so that nothing can slip past [`abandon_unfinished`].
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// An entry of [`UNFINISHED`]; dropped, it is taken off the list.
+#[derive(Debug)]
+struct Listed(PathBuf);
+
+impl Listed {
+    /// Makes an entry and lists it, in one step.
+    fn make<T>(make: impl FnOnce() -> io::Result<T>, path: impl Fn(&T) -> &Path) -> io::Result<(T, Self)> {
+        let mut all = unfinished();
+        let made = make()?;
+        let path = path(&made).to_owned();
+        all.insert(path.clone());
+        Ok((made, Self(path)))
+    }
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        unfinished().remove(&self.0);
+    }
+}
+
+/// While it lives, nothing new is begun or put in place; see [`abandon_unfinished`].
+#[must_use]
+pub struct Abandoned(#[allow(dead_code)] Option<MutexGuard<'static, BTreeSet<PathBuf>>>);
+
+/// Removes all that this process has under way through [`write_atomically`] and [`StagedFolder`], and
+/// lets nothing be begun or put in place while the returned value lives. For a program that is about
+/// to exit although its other threads have not stopped, as after an interrupt; it takes at most about
+/// a second, even if another thread hangs in a call to the file system.
+pub fn abandon_unfinished() -> Abandoned {
+    const TRIES: usize = 10;
+    const PAUSE: Duration = Duration::from_millis(20);
+    let mut held = None;
+    for _ in 0..TRIES {
+        match UNFINISHED.try_lock() {
+            Ok(all) => held = Some(all),
+            Err(TryLockError::Poisoned(all)) => held = Some(all.into_inner()),
+            Err(TryLockError::WouldBlock) => {}
+        }
+        let Some(all) = &mut held else {
+            std::thread::sleep(PAUSE);
+            continue;
+        };
+        all.retain(|path| {
+            let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+            // Something may have been written into a folder while it was being emptied.
+            removed.is_err_and(|e| e.kind() != io::ErrorKind::NotFound)
+        });
+        if all.is_empty() {
+            break;
+        }
+        std::thread::sleep(PAUSE);
+    }
+    Abandoned(held)
+}
 
 /// Writes the file `path` through `write`, aside in the same folder, and renames it into place once
 /// it is complete and on disk. If anything fails, the temporary file is removed and an earlier file
@@ -38,14 +106,21 @@ pub fn write_atomically(
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let aside = builder.tempfile_in(&folder).map_err(failed)?;
+    let (aside, listed) =
+        Listed::make(|| builder.tempfile_in(&folder), |file| file.path()).map_err(failed)?;
     let (file, aside) = aside.into_parts();
     let mut out = BufWriter::with_capacity(1 << 20, file);
     write(&mut out).map_err(failed)?;
     let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
     file.sync_all().map_err(failed)?;
     drop(file);
-    aside.persist(path).map_err(|e| failed(e.error))
+    let mut all = unfinished();
+    let placed = aside.persist(path).map_err(|e| failed(e.error));
+    if placed.is_ok() {
+        all.remove(&listed.0);
+    }
+    drop(all);
+    placed
 }
 
 /// The folder that will hold `path`.
@@ -61,7 +136,9 @@ fn parent(path: &Path) -> Result<PathBuf, ExportError> {
 /// puts it in place; dropped without that, it is removed with all it holds.
 #[derive(Debug)]
 pub struct StagedFolder {
+    // Before `listed`: it must be gone from the disk before it is gone from the list.
     aside: TempDir,
+    listed: Listed,
     target: PathBuf,
 }
 
@@ -73,8 +150,12 @@ impl StagedFolder {
     /// # Errors
     /// [`ExportError`] if there is something else at `target` or its parent is not writable.
     pub fn create(target: &Path) -> Result<Self, ExportError> {
-        // A trailing slash or "." would make the parent the folder itself.
-        let target: PathBuf = target.components().collect();
+        // A trailing slash, "." or ".." would make the parent the folder itself; of a link, the folder
+        // it leads to is to be replaced.
+        let target: PathBuf = match fs::canonicalize(target) {
+            Ok(path) if path.is_dir() => path,
+            _ => target.components().collect(),
+        };
         let folder = parent(&target)?;
         check_replaceable(&target)?;
         let mut builder = Builder::new();
@@ -84,8 +165,9 @@ impl StagedFolder {
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(fs::Permissions::from_mode(0o777));
         }
-        let aside = builder.tempdir_in(folder).map_err(|e| ExportError::writing(&target, e))?;
-        Ok(Self { aside, target })
+        let (aside, listed) = Listed::make(|| builder.tempdir_in(folder), TempDir::path)
+            .map_err(|e| ExportError::writing(&target, e))?;
+        Ok(Self { aside, listed, target })
     }
 
     /// The folder to write into.
@@ -100,11 +182,17 @@ impl StagedFolder {
     /// [`ExportError`] if what is there now may not be replaced or the rename fails; what was there
     /// before stays.
     pub fn commit(self) -> Result<(), ExportError> {
-        let Self { aside, target } = self;
+        let Self { target, listed, aside } = self;
         let failed = |source| ExportError::writing(&target, source);
         check_replaceable(&target)?;
+        let mut all = unfinished();
         if !target.exists() {
-            fs::rename(aside.path(), &target).map_err(failed)?;
+            if let Err(source) = fs::rename(aside.path(), &target) {
+                drop(all);
+                return Err(failed(source));
+            }
+            all.remove(&listed.0);
+            drop(all);
             let _moved_away = aside.keep();
             return Ok(());
         }
@@ -119,7 +207,13 @@ impl StagedFolder {
             }
             return Err(failed(source));
         }
+        // The new one is in place; from here on it is the old one that must not stay behind.
+        all.remove(&listed.0);
+        all.insert(old.path().to_owned());
+        drop(all);
         let _moved_away = aside.keep();
+        let _removed_after_old = Listed(old.path().to_owned());
+        drop(old);
         Ok(())
     }
 }
@@ -134,11 +228,20 @@ fn check_replaceable(target: &Path) -> Result<(), ExportError> {
         return Err(ExportError::NotAFolder { path: path() });
     }
     let mut entries = fs::read_dir(target).map_err(|e| ExportError::writing(target, e))?;
-    if entries.next().is_none() || target.join(RESULT_MARK).is_file() {
+    if entries.next().is_none() || is_result(target) {
         Ok(())
     } else {
         Err(ExportError::FolderInUse { path: path() })
     }
+}
+
+/// Whether the folder holds a report of this tool. Others write files called report.json too, and a
+/// folder taken for an earlier result is deleted.
+fn is_result(folder: &Path) -> bool {
+    let mut start = Vec::new();
+    let read = File::open(folder.join(RESULT_MARK)).and_then(|file| file.take(256).read_to_end(&mut start));
+    let text: String = String::from_utf8_lossy(&start).split_whitespace().collect();
+    read.is_ok() && text.starts_with("{\"tool\":\"interfacet")
 }
 
 #[cfg(test)]
@@ -179,10 +282,11 @@ mod tests {
         fs::write(staged.path().join(RESULT_MARK), "1").unwrap();
         drop(staged);
         assert!(entries(folder.path()).is_empty());
+        let report = |round: &str| format!("{{\n  \"tool\": \"interfacet {round}\",\n");
         for round in ["1", "2"] {
             // The second round replaces the first one's result, extra files and all.
             let staged = StagedFolder::create(&target.join("")).unwrap();
-            fs::write(staged.path().join(RESULT_MARK), round).unwrap();
+            fs::write(staged.path().join(RESULT_MARK), report(round)).unwrap();
             fs::write(staged.path().join(round), "").unwrap();
             assert!(!target.join(round).exists());
             staged.commit().unwrap();
@@ -205,7 +309,10 @@ mod tests {
             error.to_string().contains("photos") && error.to_string().contains("empty folder"),
             "{error}"
         );
-        assert_eq!(entries(&target), ["cat.jpg"]);
+        // A report of another tool makes it no result of ours.
+        fs::write(target.join(RESULT_MARK), "{\"tool\": \"camera\"}").unwrap();
+        assert!(matches!(StagedFolder::create(&target), Err(ExportError::FolderInUse { .. })));
+        assert_eq!(entries(&target), ["cat.jpg", RESULT_MARK]);
         let file = folder.path().join("file");
         fs::write(&file, "").unwrap();
         assert!(matches!(StagedFolder::create(&file), Err(ExportError::NotAFolder { .. })));

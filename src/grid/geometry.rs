@@ -19,9 +19,11 @@ pub enum GeometryError {
         /// The largest number of voxels along one axis.
         limit: usize,
     },
-    /// A spacing is zero, negative, infinite or not a number.
+    /// A spacing is zero, negative, infinite or not a number, or beyond what can be computed with.
     #[error(
-        "the voxel spacing {spacing:?} is not usable: every value must be a positive number of millimetres"
+        "the voxel spacing {spacing:?} is not usable: every value must be a positive number of millimetres, from {:e} to {:e}; give the right one with --spacing",
+        Geometry::SPACINGS[0],
+        Geometry::SPACINGS[1]
     )]
     Spacing {
         /// Millimetres per voxel as given.
@@ -61,6 +63,10 @@ impl Geometry {
     /// mesh is built, and a crossing must stay distinct from its voxel.
     pub const MAX_AXIS: usize = 1 << 15;
 
+    /// The least and the largest spacing, in millimetres: a femtometre and a thousand kilometres.
+    /// Beyond, cubes and sums of squares of lengths would leave the range of a number.
+    pub const SPACINGS: [f64; 2] = [1e-12, 1e9];
+
     /// A checked geometry. `direction[a]` is the world direction of index axis `a`; it is scaled to
     /// unit length (the scale belongs into `spacing`).
     ///
@@ -76,7 +82,7 @@ impl Geometry {
         if !countable || size.iter().any(|&n| n == 0 || n > Self::MAX_AXIS) {
             return Err(GeometryError::Size { size, limit: Self::MAX_AXIS });
         }
-        if !spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+        if !spacing.iter().all(|s| (Self::SPACINGS[0]..=Self::SPACINGS[1]).contains(s)) {
             return Err(GeometryError::Spacing { spacing });
         }
         if !origin.iter().all(|o| o.is_finite()) {

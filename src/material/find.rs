@@ -46,11 +46,16 @@ const DARKER_THAN_AIR: f64 = 0.05;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum FindError {
     /// A constant volume.
-    #[error("all voxels have the same grey value, so there is no interface to find")]
-    Constant,
+    #[error(
+        "all voxels have the same grey value {value}, so there is no interface to find; check the number type, the offset and the region (--type, --offset, --roi)"
+    )]
+    Constant {
+        /// The grey value.
+        value: f32,
+    },
     /// One material only.
     #[error(
-        "only one material was found, near grey value {mean:.6}; name the materials with --material NAME=GREY (at least two) or give their number with --count"
+        "only one material was found, near grey value {mean:.6}; an interface needs two (air counts). If there are more, name them with --material NAME=GREY or give their number with --count"
     )]
     One {
         /// Its mean grey value.
@@ -65,12 +70,28 @@ pub enum FindError {
         size: [usize; 3],
     },
     /// A number of materials that is not possible.
-    #[error("{count} materials asked for; between 2 and {limit} are possible here")]
+    #[error(
+        "{count} material(s) asked for, but 2 to {limit} can be looked for (--count; the air around a part counts); more are possible if named with --material"
+    )]
     Count {
         /// As given.
         count: usize,
         /// How many there may be.
         limit: usize,
+    },
+    /// A material given that the volume does not hold.
+    #[error(
+        "no voxel's grey value is nearest to that of material '{name}' ({mean}): those of the volume go from {low} to {high}. Correct the grey value (`interfacet info` shows the histogram), or leave the material out"
+    )]
+    Absent {
+        /// Its name.
+        name: String,
+        /// Its mean as given.
+        mean: f64,
+        /// The smallest grey value of the volume.
+        low: f32,
+        /// The largest.
+        high: f32,
     },
     /// The means found make no table.
     #[error(transparent)]
@@ -117,6 +138,18 @@ impl Class {
     }
 }
 
+/// Whether a number of materials can be looked for.
+///
+/// # Errors
+/// [`FindError::Count`] if it cannot.
+pub fn check_count(count: Option<usize>) -> Result<(), FindError> {
+    const LIMIT: usize = 64;
+    match count {
+        Some(count) if !(2..=LIMIT).contains(&count) => Err(FindError::Count { count, limit: LIMIT }),
+        _ => Ok(()),
+    }
+}
+
 /// Finds the materials of a volume (x fastest); `count` asks for a number of them.
 ///
 /// # Errors
@@ -126,11 +159,9 @@ pub fn find_materials<S: Sample>(
     size: [usize; 3],
     count: Option<usize>,
 ) -> Result<Found, FindError> {
-    const LIMIT: usize = 64;
-    if let Some(count) = count.filter(|n| !(2..=LIMIT).contains(n)) {
-        return Err(FindError::Count { count, limit: LIMIT });
-    }
-    let plain = Histogram::of(samples, 4096).ok_or(FindError::Constant)?;
+    check_count(count)?;
+    let constant = || FindError::Constant { value: samples.first().map_or(0.0, |v| v.to_f32()) };
+    let plain = Histogram::of(samples, 4096).ok_or_else(constant)?;
     let grid = interior_grid(size, SAMPLES);
     if grid.is_empty() {
         return Err(FindError::TooSmall { size });
@@ -179,6 +210,36 @@ pub fn find_materials<S: Sample>(
     let statistics: Vec<_> = classes.iter().map(Class::statistics).collect();
     let table = MaterialTable::new(names.zip(classes.iter().map(mean)))?.with_statistics(&statistics);
     Ok(Found { table, rejected })
+}
+
+/// Checks that each material given is the nearest by grey value to at least one voxel. One that is
+/// not was mistyped or belongs to another scan, and would silently be missing from the mesh.
+///
+/// # Errors
+/// [`FindError::Absent`] names it.
+pub fn check_present<S: Sample>(samples: &[S], table: &MaterialTable) -> Result<(), FindError> {
+    use rayon::prelude::*;
+    let materials = table.materials();
+    let thresholds: Vec<f32> = materials.windows(2).map(|w| (0.5 * (w[0].mean + w[1].mean)) as f32).collect();
+    let fresh = || (vec![false; materials.len()], f32::INFINITY, f32::NEG_INFINITY);
+    let (seen, low, high) = samples
+        .par_chunks(1 << 16)
+        .fold(fresh, |(mut seen, mut low, mut high), chunk| {
+            for v in chunk {
+                let v = v.to_f32();
+                seen[thresholds.partition_point(|&t| v >= t)] = true;
+                (low, high) = (low.min(v), high.max(v));
+            }
+            (seen, low, high)
+        })
+        .reduce(fresh, |(mut seen, low, high), (other, l, h)| {
+            seen.iter_mut().zip(other).for_each(|(a, b)| *a |= b);
+            (seen, low.min(l), high.max(h))
+        });
+    match materials.iter().zip(seen).find(|(_, seen)| !seen) {
+        Some((m, _)) => Err(FindError::Absent { name: m.name.clone(), mean: m.mean, low, high }),
+        None => Ok(()),
+    }
 }
 
 /// The table with noise sigma and number of inside voxels measured in a volume (x fastest) for
@@ -332,8 +393,21 @@ mod tests {
     }
 
     #[test]
+    fn a_material_that_no_voxel_is_nearest_to_is_named() {
+        let table = |greys: [f64; 3]| MaterialTable::new(["a", "b", "c"].into_iter().zip(greys)).unwrap();
+        let samples: Vec<u8> = (0..100).map(|i| [10, 100][i % 2]).collect();
+        for (greys, absent) in
+            [([10.0, 100.0, 250.0], "c"), ([-900.0, 10.0, 100.0], "a"), ([10.0, 50.0, 100.0], "b")]
+        {
+            let error = check_present(&samples, &table(greys)).unwrap_err();
+            assert!(matches!(&error, FindError::Absent { name, .. } if name == absent), "{error}");
+        }
+        assert!(check_present(&[10u8, 60, 100], &table([10.0, 50.0, 100.0])).is_ok());
+    }
+
+    #[test]
     fn constant_and_single_material_volumes_are_named() {
-        assert!(matches!(find_materials(&[7u8; 1000], [10; 3], None), Err(FindError::Constant)));
+        assert!(matches!(find_materials(&[7u8; 1000], [10; 3], None), Err(FindError::Constant { .. })));
         let (samples, size) = blocks(&[10.0], 24);
         assert!(matches!(find_materials(&samples, size, None), Err(FindError::One { .. })));
     }

@@ -9,13 +9,13 @@ use crate::grid::MaterialId;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum MaterialTableError {
     /// Fewer than two materials: nothing meets.
-    #[error("{count} material given; an interface needs at least 2 (the background, usually air, counts)")]
+    #[error("{count} material(s) given; an interface needs at least 2 (the background, usually air, counts)")]
     TooFew {
         /// How many there are.
         count: usize,
     },
     /// More materials than ids.
-    #[error("{count} materials given; at most {limit} are possible")]
+    #[error("{count} materials given; at most {limit} are possible, so merge some")]
     TooMany {
         /// How many there are.
         count: usize,

@@ -1,13 +1,14 @@
 //! [`Picture`]: pixels in memory, and how they become a PNG file.
 
 use std::io::{Cursor, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::Rgb;
+use crate::export::{ExportError, write_atomically};
 use crate::volume::VolumeError;
 
 /// Why there is no picture.
@@ -66,15 +67,9 @@ pub enum PictureError {
     /// The PNG encoder refused.
     #[error("cannot encode the picture: {0}")]
     Encode(#[from] image::ImageError),
-    /// The file system refused.
-    #[error("cannot write {}: {error}", path.display())]
-    Io {
-        /// What was to be written.
-        path: PathBuf,
-        /// What the system said.
-        #[source]
-        error: std::io::Error,
-    },
+    /// The file could not be written.
+    #[error(transparent)]
+    Export(#[from] ExportError),
 }
 
 /// What is behind the mesh.
@@ -175,23 +170,10 @@ impl Picture {
     /// is either the old one or complete.
     ///
     /// # Errors
-    /// [`PictureError::Encode`], or [`PictureError::Io`] if the file system refuses.
+    /// [`PictureError::Encode`], or [`PictureError::Export`] if the file system refuses.
     pub fn save_png(&self, path: &Path) -> Result<(), PictureError> {
         let bytes = self.to_png()?;
-        let io = |error| PictureError::Io { path: path.to_owned(), error };
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".interfacet-").suffix(".png");
-        #[cfg(unix)]
-        {
-            // A temporary file is private by default; a picture gets what the umask allows.
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let mut file = builder.tempfile_in(folder).map_err(io)?;
-        file.write_all(&bytes).map_err(io)?;
-        file.persist(path).map_err(|e| io(e.error))?;
-        Ok(())
+        Ok(write_atomically(path, |out| out.write_all(&bytes))?)
     }
 }
 
@@ -223,6 +205,6 @@ mod tests {
         let picture = Picture::new(3, 2, Background::White).unwrap();
         assert_eq!(picture.pixel(3, 0), None);
         let nowhere = tempfile::tempdir().unwrap().path().join("gone").join("p.png");
-        assert!(matches!(picture.save_png(&nowhere), Err(PictureError::Io { .. })));
+        assert!(matches!(picture.save_png(&nowhere), Err(PictureError::Export(_))));
     }
 }

@@ -20,7 +20,7 @@ pub(crate) const KNOWN_FORMATS: &str = "MetaImage (.mha, .mhd), NRRD (.nrrd, .nh
 #[non_exhaustive]
 pub enum VolumeError {
     /// The file system refused, or a compressed stream is damaged.
-    #[error("cannot read {}: {error}", path.display())]
+    #[error("cannot read {}: {error}{}", path.display(), remedy(error))]
     Io {
         /// What was to be read.
         path: PathBuf,
@@ -206,6 +206,15 @@ pub enum VolumeError {
         /// Bytes asked for.
         bytes: usize,
     },
+}
+
+/// What to do about an error of the system.
+fn remedy(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "; check the path",
+        std::io::ErrorKind::PermissionDenied => "; ask for the right to read it, or copy it",
+        _ => "",
+    }
 }
 
 fn hint(headerless: bool) -> &'static str {

@@ -17,11 +17,17 @@ pub(crate) struct PositionedFile {
 impl PositionedFile {
     /// Opens a file for reading.
     pub(crate) fn open(path: &Path) -> Result<Self, VolumeError> {
-        let file = File::open(path).map_err(|error| io_error(path, error))?;
-        let meta = file.metadata().map_err(|error| io_error(path, error))?;
+        // Before it is opened: a pipe would make us wait, forever perhaps.
+        let meta = std::fs::metadata(path).map_err(|error| io_error(path, error))?;
         if meta.is_dir() {
             return Err(io_error(path, io::Error::other("this is a folder, not a file")));
         }
+        if !meta.is_file() {
+            let what = "this is no regular file (a pipe or a device): save its content to a file first";
+            return Err(io_error(path, io::Error::other(what)));
+        }
+        let file = File::open(path).map_err(|error| io_error(path, error))?;
+        let meta = file.metadata().map_err(|error| io_error(path, error))?;
         Ok(Self { path: path.to_owned(), file, len: meta.len() })
     }
 
