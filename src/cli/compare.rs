@@ -46,7 +46,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     let phantom = phantom(args)?;
     let mesh = read_mesh(&args.mesh, &ReadOptions::default())?;
-    let options = CompareOptions { clear: args.clear.unwrap_or_else(|| default_clear(args)), step: args.step };
+    let options =
+        CompareOptions { clear: args.clear.unwrap_or_else(|| default_clear(args)), step: args.step };
     let found = compare(&mesh, &phantom, &options, execution)?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&found)? + "\n";

@@ -221,11 +221,7 @@ impl Truth {
         self.closest_of(self.edges(), q)
     }
 
-    fn closest_of<'a>(
-        &self,
-        pieces: impl Iterator<Item = &'a CurvePiece>,
-        q: DVec3,
-    ) -> Option<(DVec3, f64)> {
+    fn closest_of<'a>(&self, pieces: impl Iterator<Item = &'a CurvePiece>, q: DVec3) -> Option<(DVec3, f64)> {
         pieces.fold(None, |best: Option<(DVec3, f64)>, piece| {
             let limit = best.map_or(f64::INFINITY, |b| b.1);
             closest_on(piece, self.scene.surfaces(), q, limit).or(best)
