@@ -14,7 +14,7 @@ use clap::Parser;
 
 use interfacet::execution::Execution;
 use interfacet::mesh::{CheckOptions, check};
-use interfacet::phantom::compare::{CompareOptions, Comparison, Distances, Tally, compare};
+use interfacet::phantom::compare::{CompareOptions, Comparison, Distances, Split, Tally, compare};
 use interfacet::phantom::{Noise, Phantom, PhantomOptions, SceneName, Surface};
 use interfacet::pipeline::{Extraction, PipelineOptions, extract};
 use interfacet::volume::MemorySource;
@@ -46,9 +46,9 @@ struct Args {
     /// Radius R in units of the true sigma, instead of the estimate.
     #[arg(long)]
     radius_per_sigma: Option<f64>,
-    /// The clear distance in units of R.
-    #[arg(long, default_value_t = 2.0)]
-    clear: f64,
+    /// Grey values of the materials, for scenes that have as many.
+    #[arg(long, value_delimiter = ',')]
+    greys: Option<Vec<f64>>,
     /// Only the summary.
     #[arg(long)]
     brief: bool,
@@ -59,6 +59,8 @@ struct Run {
     phantom: Phantom,
     extraction: Extraction,
     comparison: Comparison,
+    /// With the clear distance one voxel larger.
+    beyond: Comparison,
     radius: f64,
     defects: u64,
 }
@@ -74,6 +76,7 @@ impl Args {
             seed: self.seed,
             rotation,
             thickness,
+            greys: self.greys.clone(),
             ..PhantomOptions::default()
         })?;
         let execution = Execution::default();
@@ -83,9 +86,12 @@ impl Args {
         let extraction = extract(&source, &options, &execution)?;
         let radius = extraction.blur.context("a grey volume has a blur")?.radius[0];
         let defects = check(&extraction.mesh, &CheckOptions::default(), &execution)?.total();
-        let options = CompareOptions { clear: self.clear * radius, ..CompareOptions::default() };
-        let comparison = compare(&extraction.mesh, &phantom, &options, &execution)?;
-        Ok(Run { phantom, extraction, comparison, radius, defects })
+        let at = |clear: f64| {
+            let options = CompareOptions { clear, ..CompareOptions::default() };
+            compare(&extraction.mesh, &phantom, &options, &execution)
+        };
+        let (comparison, beyond) = (at(2.0 * radius)?, at(2.0 * radius + 1.0)?);
+        Ok(Run { phantom, extraction, comparison, beyond, radius, defects })
     }
 }
 
@@ -118,9 +124,9 @@ impl Run {
     }
 
     /// The worst of the pairs, both ways, in voxels: RMS, 99 %, largest.
-    fn worst(&self, of: impl Fn(&interfacet::phantom::compare::Split) -> Option<Distances>) -> [f64; 3] {
+    fn worst(comparison: &Comparison, of: impl Fn(&Split) -> Option<Distances>) -> [f64; 3] {
         let mut worst = [f64::NAN; 3];
-        for pair in &self.comparison.pairs {
+        for pair in &comparison.pairs {
             for found in [of(&pair.mesh_to_truth), of(&pair.truth_to_mesh)].into_iter().flatten() {
                 for (w, new) in worst.iter_mut().zip([found.voxels.rms, found.voxels.p99, found.voxels.max]) {
                     *w = w.max(new);
@@ -170,9 +176,9 @@ fn tally(tally: Tally) -> String {
 fn summary(out: &mut impl Write, runs: &[Run], sigma: f64) -> std::io::Result<()> {
     writeln!(
         out,
-        "| scene | size | R | curvature: radius, shift | clear of junctions and edges | near a sharp edge | farther than 2R from junctions | near a junction | above 0.35 up to | junction curve RMS / 95 % / max | volume error % | false: near / beyond | components/Euler | defects |"
+        "| scene | size | R | curvature: radius, shift | clear of junctions and edges by 2R | by 2R + 1 | near a sharp edge | farther than 2R from junctions | near a junction | above 0.35 up to | junction curve RMS / 95 % / max | volume error % | false: near / beyond | components/Euler | defects |"
     )?;
-    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|")?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|")?;
     for run in runs {
         let c = &run.comparison;
         let curve = c.junctions.as_ref().and_then(|j| j.mesh_to_truth).map(|d| d.voxels);
@@ -184,10 +190,11 @@ fn summary(out: &mut impl Write, runs: &[Run], sigma: f64) -> std::io::Result<()
             run.phantom.options().size[0],
             run.radius,
             run.curvature(sigma).map_or("plane".into(), |(r, shift)| format!("{r:.1}, {shift:.3}")),
-            numbers(run.worst(|s| s.clear)),
-            numbers(run.worst(|s| s.near_edge)),
-            numbers(run.worst(|s| s.off_junctions)),
-            numbers(run.worst(|s| s.near_junction)),
+            numbers(Run::worst(c, |s| s.clear)),
+            numbers(Run::worst(&run.beyond, |s| s.clear)),
+            numbers(Run::worst(c, |s| s.near_edge)),
+            numbers(Run::worst(c, |s| s.off_junctions)),
+            numbers(Run::worst(c, |s| s.near_junction)),
             if reach > 0.0 { format!("{reach:.2}") } else { "-".into() },
             curve.map_or("-".into(), |f| numbers([f.rms, f.p95, f.max])),
             run.volume_errors(),
