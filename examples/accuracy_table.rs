@@ -185,7 +185,7 @@ fn summary(out: &mut impl Write, runs: &[Run], sigma: f64) -> std::io::Result<()
         let reach = c.pairs.iter().map(|p| p.disturbed_reach).fold(0.0, f64::max);
         writeln!(
             out,
-            "| {} | {} | {:.2} | {} | {} | {} | {} | {} | {} | {} | {} | {} / {} | {} | {} |",
+            "| {} | {} | {:.2} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} / {} | {} | {} |",
             run.title(),
             run.phantom.options().size[0],
             run.radius,

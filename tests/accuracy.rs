@@ -125,12 +125,24 @@ fn curved_interfaces_are_off_by_the_shift_of_the_blur_and_little_else() {
         -shift
     );
 
-    for scene in [SceneName::PressFitRing, SceneName::SphereOnCylinder] {
+    for scene in [SceneName::PressFitRing, SceneName::BoltInPlate, SceneName::SphereOnCylinder] {
         let phantom = Phantom::new(&options(scene, 80)).unwrap();
         let shift = phantom.truth().scene().surfaces().iter().map(shift_of).fold(0.0, f64::max);
         let found = run(&options(scene, 80));
         assert_right_topology(&found);
         assert_accurate(&found, PLANE_RMS.max(shift + NOISE));
+    }
+}
+
+#[test]
+fn four_materials_that_meet_in_points_keep_their_topology() {
+    let found = run(&options(SceneName::FourMaterials, 80));
+    assert_right_topology(&found);
+    assert_eq!(found.at_2r.false_triangles.clear.triangles, 0);
+    for pair in &found.beyond.pairs {
+        // Between the junction curves of a disc this small little is clear of them all.
+        let clear = pair.mesh_to_truth.clear;
+        assert!(clear.is_none_or(|c| c.voxels.max <= DISTURBED), "{pair:?}");
     }
 }
 

@@ -4,7 +4,8 @@
 //! material: with a blur of 1.2 voxels such a layer pulled the mean of a part of 128³ by up to 1 %.
 //! A voxel is *deep to d* if in the 26 directions (axes, diagonals of faces and cubes) the voxels
 //! 1, 2, ... d steps away are all of its class. Mean and noise are taken over the deepest voxels
-//! there are at least [`MIN_VOXELS`] of, so that a thin material keeps what it has.
+//! there are at least [`MIN_VOXELS`] and [`MIN_SHARE`] of, so that a thin material keeps what it has
+//! and a few unusual places do not speak for it.
 
 use rayon::prelude::*;
 
@@ -16,6 +17,8 @@ use crate::volume::Sample;
 const MAX_DEPTH: usize = 3;
 /// Fewest voxels to take a mean from; fewer than this, and less deep ones are taken.
 const MIN_VOXELS: u64 = 100;
+/// Smallest share of the voxels deep to 1.
+const MIN_SHARE: f64 = 0.05;
 
 /// Moments of the grey values of some voxels, about the class's rough grey value.
 #[derive(Debug, Clone, Copy, Default)]
@@ -96,7 +99,10 @@ pub(super) fn deep_statistics<S: Sample>(
     }
     total
         .iter()
-        .map(|depths| *depths.iter().rev().find(|m| m.voxels >= MIN_VOXELS).unwrap_or(&depths[0]))
+        .map(|depths| {
+            let enough = (MIN_SHARE * depths[0].voxels as f64).max(MIN_VOXELS as f64);
+            *depths.iter().rev().find(|m| m.voxels as f64 >= enough).unwrap_or(&depths[0])
+        })
         .collect()
 }
 
