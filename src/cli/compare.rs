@@ -9,8 +9,9 @@ use anyhow::Context;
 use super::phantom::ObjectArgs;
 use crate::execution::Execution;
 use crate::export::{ReadOptions, read_mesh, write_atomically};
-use crate::phantom::compare::{CompareOptions, Comparison, Distances, compare};
+use crate::phantom::compare::{CompareOptions, Comparison, DISTURBED, Distances, compare};
 use crate::phantom::{Phantom, SceneName, Sidecar};
+use crate::report::RunReport;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -34,10 +35,11 @@ pub(crate) struct Args {
     /// The phantom by name, with the options below as it was made.
     #[arg(long, value_name = "NAME", conflicts_with = "truth", required_unless_present = "truth")]
     phantom: Option<SceneName>,
-    /// Points farther than this many voxels from every junction curve are clear of junctions; triangles farther
-    /// than this from where they belong are false. Usually 2R.
-    #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().clear)]
-    clear: f64,
+    /// Points farther than this many voxels from every junction curve or sharp edge are clear of them;
+    /// triangles farther than this from where they belong are false [default: 2R, from the report.json
+    /// beside the mesh; 6 without one].
+    #[arg(long, value_name = "VOXELS")]
+    clear: Option<f64>,
     /// Largest distance of sample points in voxels.
     #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().step)]
     step: f64,
@@ -55,7 +57,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     let phantom = phantom(args)?;
     let mesh = read_mesh(&args.mesh, &ReadOptions::default())?;
-    let options = CompareOptions { clear: args.clear, step: args.step };
+    let options =
+        CompareOptions { clear: args.clear.unwrap_or_else(|| default_clear(args)), step: args.step };
     let found = compare(&mesh, &phantom, &options, execution)?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&found)? + "\n";
@@ -66,6 +69,17 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     }
     print(&found, &mut std::io::stdout().lock())?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Twice the radius R of the run that made the mesh, where its report is at hand.
+fn default_clear(args: &Args) -> f64 {
+    let report = args.mesh.with_file_name("report.json");
+    let radius = || -> Option<f64> {
+        let report: RunReport = serde_json::from_str(&std::fs::read_to_string(report).ok()?).ok()?;
+        let geometry = &report.input.geometry;
+        Some(report.blur?.radius[0] * geometry.spacing()[0] / geometry.voxel_edge())
+    };
+    radius().map_or(CompareOptions::default().clear, |r| 2.0 * r)
 }
 
 fn phantom(args: &Args) -> anyhow::Result<Phantom> {
@@ -89,8 +103,8 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "phantom {}, 1 voxel = {} mm; all distances in voxels", found.scene, found.voxel_mm)?;
     writeln!(
         out,
-        "\n{:<40} {:>9} {:>8} {:>8} {:>8} {:>9}",
-        "interfaces (positive: too far to the front)", "mean", "RMS", "95 %", "max", "points"
+        "\n{:<43} {:>9} {:>8} {:>8} {:>8} {:>8} {:>9}",
+        "interfaces (positive: too far to the front)", "mean", "RMS", "95 %", "99 %", "max", "points"
     )?;
     for pair in &found.pairs {
         let title = format!("{}/{}", name(pair.back), name(pair.front));
@@ -104,11 +118,15 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
         }
         for (way, split) in [("mesh to truth", pair.mesh_to_truth), ("truth to mesh", pair.truth_to_mesh)] {
             row(out, &format!("{title}, {way}"), split.all.as_ref())?;
-            if split.near.is_some() && split.clear.is_some() {
-                row(out, &format!("  farther than {clear} from junctions"), split.clear.as_ref())?;
-                row(out, "  nearer", split.near.as_ref())?;
-            }
+            row(out, "  clear of junctions and sharp edges", split.clear.as_ref())?;
+            row(out, "  near a sharp edge", split.near_edge.as_ref())?;
+            row(out, &format!("  farther than {clear:.2} from junctions"), split.off_junctions.as_ref())?;
+            row(out, "  near a junction", split.near_junction.as_ref())?;
         }
+    }
+    let reach = found.pairs.iter().map(|p| p.disturbed_reach).fold(0.0, f64::max);
+    if reach > 0.0 {
+        writeln!(out, "\nerrors above {DISTURBED} voxel reach {reach:.2} voxels from the junction curves")?;
     }
     if let Some(junctions) = &found.junctions {
         writeln!(
@@ -147,7 +165,7 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
     let tallies = &found.false_triangles;
     writeln!(out, "\nfalse triangles")?;
     for (title, tally) in [
-        (format!("within {clear} of a junction"), tallies.near),
+        (format!("within {clear:.2} of a junction"), tallies.near),
         ("beyond".to_owned(), tallies.clear),
         ("of these, of a pair that does not meet".to_owned(), tallies.wrong_pair),
     ] {
@@ -162,11 +180,11 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
 
 fn row(out: &mut impl Write, title: &str, distances: Option<&Distances>) -> std::io::Result<()> {
     match distances {
-        None => writeln!(out, "{title:<40} {:>9}", "-"),
+        None => writeln!(out, "{title:<43} {:>9}", "-"),
         Some(d) => writeln!(
             out,
-            "{title:<40} {:>+9.4} {:>8.4} {:>8.4} {:>8.4} {:>9}",
-            d.voxels.signed_mean, d.voxels.rms, d.voxels.p95, d.voxels.max, d.samples
+            "{title:<43} {:>+9.4} {:>8.4} {:>8.4} {:>8.4} {:>8.4} {:>9}",
+            d.voxels.signed_mean, d.voxels.rms, d.voxels.p95, d.voxels.p99, d.voxels.max, d.samples
         ),
     }
 }

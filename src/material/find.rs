@@ -11,7 +11,7 @@
 //! 3. *Background.* Nothing in a scan is less dense than air. A class darker than the one that
 //!    covers most of the volume's border, and much rarer, is an artefact of reconstruction (the
 //!    corners outside the field of view) and is counted as background.
-//! 4. *Means* are taken over the inside voxels of each class.
+//! 4. *Means* and noise are taken over the voxels deepest inside of each class ([`deep`](super::deep)).
 //!
 //! On a given number of materials the weakest candidates are dropped down to it; if there are too
 //! few modes, multi-level Otsu splits the histogram. Not guaranteed: materials whose grey values are
@@ -21,6 +21,7 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::deep::deep_statistics;
 use super::histogram::Histogram;
 use super::sampling::{interior_grid, neighbourhood, position};
 use super::table::{MaterialTable, MaterialTableError};
@@ -126,16 +127,6 @@ struct Class {
     border: f64,
     inside: f64,
     sum: f64,
-    squares: f64,
-}
-
-impl Class {
-    /// Noise sigma of the inside voxels, and their number.
-    fn statistics(&self) -> (Option<f64>, Option<u64>) {
-        let n = self.inside.max(1.0);
-        let variance = (self.squares / n - (self.sum / n).powi(2)).max(0.0);
-        ((self.inside > 1.0).then(|| variance.sqrt()), Some(self.inside as u64))
-    }
 }
 
 /// Whether a number of materials can be looked for.
@@ -206,10 +197,11 @@ pub fn find_materials<S: Sample>(
     if classes.len() < 2 {
         return Err(FindError::One { mean: classes.first().map_or(plain.low, mean) });
     }
-    let names = (0..classes.len()).map(default_name);
-    let statistics: Vec<_> = classes.iter().map(Class::statistics).collect();
-    let table = MaterialTable::new(names.zip(classes.iter().map(mean)))?.with_statistics(&statistics);
-    Ok(Found { table, rejected })
+    let deep = deep_statistics(samples, size, &grid, &greys);
+    let means = deep.iter().zip(&classes).map(|(d, c)| d.mean().unwrap_or(c.grey));
+    let table = MaterialTable::new((0..deep.len()).map(default_name).zip(means))?;
+    let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
+    Ok(Found { table: table.with_statistics(&statistics), rejected })
 }
 
 /// Checks that each material given is the nearest by grey value to at least one voxel. One that is
@@ -248,7 +240,8 @@ pub fn check_present<S: Sample>(samples: &[S], table: &MaterialTable) -> Result<
 pub fn measure_statistics<S: Sample>(samples: &[S], size: [usize; 3], table: MaterialTable) -> MaterialTable {
     let grid = interior_grid(size, SAMPLES);
     let greys: Vec<f64> = table.materials().iter().map(|m| m.mean).collect();
-    let statistics: Vec<_> = measure(samples, size, &grid, &greys).iter().map(Class::statistics).collect();
+    let deep = deep_statistics(samples, size, &grid, &greys);
+    let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
     table.with_statistics(&statistics)
 }
 
@@ -325,7 +318,6 @@ fn measure<S: Sample>(samples: &[S], size: [usize; 3], grid: &[[usize; 3]], grey
                 if around.iter().all(|&o| class_of(samples[at.wrapping_add_signed(o)].to_f32()) == own) {
                     class.inside += 1.0;
                     class.sum += f64::from(v);
-                    class.squares += f64::from(v) * f64::from(v);
                 }
             }
             classes
@@ -337,7 +329,6 @@ fn measure<S: Sample>(samples: &[S], size: [usize; 3], grid: &[[usize; 3]], grey
             t.voxels += p.voxels;
             t.inside += p.inside;
             t.sum += p.sum;
-            t.squares += p.squares;
         }
     }
     for z in 0..size[2] {

@@ -1,6 +1,7 @@
 //! Which grey value is which material: the histogram, the materials found in it, the scan's blur.
 
 mod blur;
+mod deep;
 mod find;
 mod histogram;
 mod sampling;

@@ -207,7 +207,22 @@ impl Truth {
     /// The closest point of any junction curve and its distance in mm, if there are junctions.
     #[must_use]
     pub fn closest_junction(&self, q: DVec3) -> Option<(DVec3, f64)> {
-        self.junctions().fold(None, |best: Option<(DVec3, f64)>, piece| {
+        self.closest_of(self.junctions(), q)
+    }
+
+    /// The sharp edges: curves at which one interface bends and no third material meets it.
+    pub fn edges(&self) -> impl Iterator<Item = &CurvePiece> {
+        self.pieces.iter().filter(|p| !p.is_junction())
+    }
+
+    /// The closest point of any sharp edge and its distance in mm, if there are sharp edges.
+    #[must_use]
+    pub fn closest_edge(&self, q: DVec3) -> Option<(DVec3, f64)> {
+        self.closest_of(self.edges(), q)
+    }
+
+    fn closest_of<'a>(&self, pieces: impl Iterator<Item = &'a CurvePiece>, q: DVec3) -> Option<(DVec3, f64)> {
+        pieces.fold(None, |best: Option<(DVec3, f64)>, piece| {
             let limit = best.map_or(f64::INFINITY, |b| b.1);
             closest_on(piece, self.scene.surfaces(), q, limit).or(best)
         })

@@ -11,6 +11,8 @@ pub struct Figures {
     pub rms: f64,
     /// 95 % of the weight is at most this far.
     pub p95: f64,
+    /// 99 % of the weight is at most this far.
+    pub p99: f64,
     /// The largest distance, vertices included.
     pub max: f64,
 }
@@ -52,21 +54,22 @@ impl Distances {
         let signed_mean = all.iter().map(|s| s.weight * s.signed).sum::<f64>() / total;
         let square = all.iter().map(|s| s.weight * s.signed * s.signed).sum::<f64>() / total;
         all.sort_by(|a, b| a.signed.abs().total_cmp(&b.signed.abs()));
-        let mut below = 0.0;
-        let p95 = all
-            .iter()
-            .find(|s| {
+        let quantile = |share: f64| {
+            let mut below = 0.0;
+            let found = all.iter().find(|s| {
                 below += s.weight;
-                below >= 0.95 * total
-            })
-            .or(all.last())
-            .map_or(0.0, |s| s.signed.abs());
+                below >= share * total
+            });
+            found.or(all.last()).map_or(0.0, |s| s.signed.abs())
+        };
+        let (p95, p99) = (quantile(0.95), quantile(0.99));
         let max = all.last().map_or(0.0, |s| s.signed.abs());
-        let mm = Figures { signed_mean, rms: square.sqrt(), p95, max };
+        let mm = Figures { signed_mean, rms: square.sqrt(), p95, p99, max };
         let voxels = Figures {
             signed_mean: mm.signed_mean / voxel,
             rms: mm.rms / voxel,
             p95: mm.p95 / voxel,
+            p99: mm.p99 / voxel,
             max: mm.max / voxel,
         };
         Some(Self { samples: all.len(), measure: if equal { 0.0 } else { measure }, voxels, mm })
@@ -84,6 +87,7 @@ mod tests {
         assert!((figures.mm.signed_mean - 0.5).abs() < 1e-12);
         assert!((figures.mm.rms - 1.0).abs() < 1e-12);
         assert!((figures.mm.p95 - 1.0).abs() < 1e-12);
+        assert!((figures.mm.p99 - 1.0).abs() < 1e-12);
         assert!((figures.voxels.max - 10.0).abs() < 1e-12);
         assert!(Distances::of(std::iter::empty(), 1.0).is_none());
     }

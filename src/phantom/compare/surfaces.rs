@@ -12,15 +12,24 @@ use crate::grid::{MaterialId, Pair};
 use crate::mesh::InterfaceMesh;
 use crate::phantom::Truth;
 
-/// Distances of all points, and of those clear of and near to junction curves; `None` where there are none.
+/// A mesh point farther than this from the truth (in voxels) is disturbed: a third material has spoilt it.
+/// It is also the largest error that is allowed anywhere clear of junctions.
+pub const DISTURBED: f64 = 0.35;
+
+/// Distances of all points, and of those in each surrounding; `None` where there are none. The last
+/// three share all points among them, in the order near a junction, near an edge, clear.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Split {
     /// All points.
     pub all: Option<Distances>,
-    /// Farther from every junction curve than the clear distance.
+    /// Farther from every junction curve than the clear distance, whether near a sharp edge or not.
+    pub off_junctions: Option<Distances>,
+    /// Farther than the clear distance from every junction curve and every sharp edge.
     pub clear: Option<Distances>,
-    /// The rest.
-    pub near: Option<Distances>,
+    /// Of `off_junctions`: within the clear distance of a sharp edge, which any blur rounds.
+    pub near_edge: Option<Distances>,
+    /// Within the clear distance of a junction curve.
+    pub near_junction: Option<Distances>,
 }
 
 /// One pair's interface.
@@ -42,6 +51,9 @@ pub struct PairComparison {
     pub mesh_to_truth: Split,
     /// From the truth to the mesh.
     pub truth_to_mesh: Split,
+    /// How far from the junction curves, in voxels, the mesh is disturbed: the largest distance at which a
+    /// point more than [`DISTURBED`] from the truth lies, points near sharp edges left out; 0 if there is none.
+    pub disturbed_reach: f64,
 }
 
 /// A number of triangles.
@@ -73,8 +85,23 @@ pub(super) struct Surfaces {
     pub(super) vertex_errors: Vec<f64>,
 }
 
-/// A sample and whether it is clear of junction curves.
-type Placed = (Sample, bool);
+/// A sample and where it is.
+#[derive(Clone, Copy)]
+struct Placed {
+    sample: Sample,
+    /// Distance of the closest junction curve in mm; infinite if there is none.
+    junction: f64,
+    /// Whether a sharp edge is within the clear distance.
+    near_edge: bool,
+}
+
+impl Placed {
+    /// `p` is where the point lies.
+    fn new(sample: Sample, truth: &Truth, p: DVec3, clear: f64) -> Self {
+        let junction = truth.closest_junction(p).map_or(f64::INFINITY, |c| c.1);
+        Self { sample, junction, near_edge: truth.closest_edge(p).is_some_and(|c| c.1 <= clear) }
+    }
+}
 
 pub(super) fn compare(
     mesh: &InterfaceMesh,
@@ -113,8 +140,9 @@ pub(super) fn compare(
             triangles: own.len(),
             mesh_area: own.iter().map(|&t| area(mesh.corners(t))).sum(),
             truth_area: points.iter().map(|p| p.1).sum(),
-            mesh_to_truth: split(&forward, lengths.voxel),
-            truth_to_mesh: split(&backward, lengths.voxel),
+            mesh_to_truth: split(&forward, lengths),
+            truth_to_mesh: split(&backward, lengths),
+            disturbed_reach: disturbed_reach(&forward, lengths.voxel),
         });
     }
     let total: f64 = out.pairs.iter().map(|p| p.mesh_area).sum();
@@ -133,10 +161,27 @@ fn is_clear(truth: &Truth, p: DVec3, clear: f64) -> bool {
     truth.closest_junction(p).is_none_or(|(_, distance)| distance > clear)
 }
 
-fn split(samples: &[Placed], voxel: f64) -> Split {
-    let part =
-        |keep: fn(bool) -> bool| Distances::of(samples.iter().filter(|s| keep(s.1)).map(|s| s.0), voxel);
-    Split { all: part(|_| true), clear: part(|clear| clear), near: part(|clear| !clear) }
+fn split(samples: &[Placed], lengths: &Lengths) -> Split {
+    // Arguments: clear of junctions, near an edge.
+    let part = |keep: fn(bool, bool) -> bool| {
+        let kept = samples.iter().filter(|s| keep(s.junction > lengths.clear, s.near_edge));
+        Distances::of(kept.map(|s| s.sample), lengths.voxel)
+    };
+    Split {
+        all: part(|_, _| true),
+        off_junctions: part(|off, _| off),
+        clear: part(|off, near_edge| off && !near_edge),
+        near_edge: part(|off, near_edge| off && near_edge),
+        near_junction: part(|off, _| !off),
+    }
+}
+
+fn disturbed_reach(samples: &[Placed], voxel: f64) -> f64 {
+    samples
+        .iter()
+        .filter(|s| s.sample.signed.abs() > DISTURBED * voxel && !s.near_edge && s.junction.is_finite())
+        .map(|s| s.junction / voxel)
+        .fold(0.0, f64::max)
 }
 
 /// Centres of the equal parts of a triangle with edges of at most `step`: all parts have the same area.
@@ -165,7 +210,7 @@ fn forward(
     let place = |p: DVec3, weight: f64| {
         truth
             .closest(pair, p)
-            .map(|found| (Sample { signed: found.signed(), weight }, is_clear(truth, p, lengths.clear)))
+            .map(|found| Placed::new(Sample { signed: found.signed(), weight }, truth, p, lengths.clear))
     };
     let mut samples: Vec<Placed> = own
         .par_iter()
@@ -178,7 +223,7 @@ fn forward(
     let at: Vec<Option<Placed>> =
         vertices.par_iter().map(|&v| place(mesh.positions()[v as usize], 0.0)).collect();
     for (v, found) in vertices.iter().zip(&at) {
-        let Some((sample, _)) = found else { continue };
+        let Some(Placed { sample, .. }) = found else { continue };
         let worst = &mut out.vertex_errors[*v as usize];
         if worst.is_nan() || sample.signed.abs() > worst.abs() {
             *worst = sample.signed;
@@ -195,7 +240,7 @@ fn backward(truth: &Truth, lengths: &Lengths, points: &[(DVec3, f64)], mesh: &Tr
             let (closest, normal) = mesh.closest(p);
             let offset = closest - p;
             let signed = if offset.dot(normal) < 0.0 { -offset.length() } else { offset.length() };
-            (Sample { signed, weight }, is_clear(truth, p, lengths.clear))
+            Placed::new(Sample { signed, weight }, truth, p, lengths.clear)
         })
         .collect()
 }

@@ -77,7 +77,8 @@ fn a_globe_too_large_by_a_known_amount_is_measured_so_both_ways() {
             assert!((all.mm.signed_mean - offset).abs() < 2e-3, "{} {offset}", all.mm.signed_mean);
             assert!((all.voxels.rms - 2.0 * offset.abs()).abs() < 4e-3);
             assert!((all.mm.max - offset.abs()).abs() < 4e-3);
-            assert!(split.near.is_none() && split.clear.is_some());
+            assert!(split.near_junction.is_none() && split.near_edge.is_none() && split.clear.is_some());
+            assert_eq!(split.clear, split.off_junctions);
         }
         let material = &found.materials[1];
         let growth = 100.0 * ((1.0 + offset / radius).powi(3) - 1.0);
