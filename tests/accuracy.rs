@@ -3,6 +3,8 @@
 //! Small grids, fixed seeds: blur sigma 1.15 voxels (1.19 with the averaging over a voxel), white noise
 //! of 1 % of the smallest contrast. `docs/accuracy.md` has the figures for larger grids.
 
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
 use interfacet::execution::Execution;
 use interfacet::mesh::{CheckOptions, check};
 use interfacet::phantom::compare::{CompareOptions, Comparison, DISTURBED, compare};
