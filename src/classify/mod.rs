@@ -1,6 +1,6 @@
 //! Who owns each voxel: voxel classification and junction thinning (Fujimori and Suzuki 2006, §3).
 //!
-//! Three passes on bit planes ([`alpha`], [`core`], [`pair`]), then junction voxels are given to
+//! Three passes on bit planes ([`alpha()`], [`core()`], [`pair()`]), then junction voxels are given to
 //! their neighbours' materials in rounds ([`thin`]). The result is a [`LabelVolume`] and a plane
 //! that remembers which voxels were junction: their grey values are not credible.
 //!

@@ -54,7 +54,7 @@ pub(crate) struct Args {
     #[arg(long = "material", value_name = "NAME=GREY", help_heading = "Materials", conflicts_with_all = ["count", "labels"])]
     material: Vec<Named>,
 
-    /// Read the materials from a TOML file: a [[material]] table with name and grey for each.
+    /// Read the materials from a TOML file: a `[[material]]` table with name and grey for each.
     #[arg(long, value_name = "FILE", help_heading = "Materials", conflicts_with_all = ["material", "count", "labels"])]
     materials: Option<PathBuf>,
 

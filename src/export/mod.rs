@@ -14,5 +14,5 @@ pub use error::ExportError;
 pub use junctions::write_junctions;
 pub use ply::{PlyEncoding, PlyOptions, write_ply};
 pub use read::{ReadOptions, read_mesh};
-pub use stl::{vertices_merged_by_stl, write_stl};
 pub use staging::{Abandoned, RESULT_MARK, StagedFolder, abandon_unfinished, write_atomically};
+pub use stl::{vertices_merged_by_stl, write_stl};

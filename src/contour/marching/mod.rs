@@ -2,8 +2,8 @@
 //!
 //! The padded lattice is walked in *layers* of cells. A layer owns the crossings on the x and y
 //! edges of its lower plane and on its z edges, the nodes of the faces whose lower cell lies in it,
-//! and the apexes inside its cells. Counting comes first ([`count`]), then one prefix sum gives
-//! every layer its place in the output, then the layers are filled ([`fill`]): the same mesh for
+//! and the apexes inside its cells. Counting comes first (`count.rs`), then one prefix sum gives
+//! every layer its place in the output, then the layers are filled (`fill.rs`): the same mesh for
 //! any number of threads. Work follows the surface: rows of cells are looked at 64 at a time, and
 //! only cells with a crossing one by one.
 //!
