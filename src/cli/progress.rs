@@ -1,7 +1,7 @@
 //! A progress bar on the terminal.
 
 use std::io::IsTerminal;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -13,13 +13,24 @@ pub(crate) fn for_terminal() -> Arc<dyn Progress> {
     if std::io::stderr().is_terminal() { Arc::new(Bar::default()) } else { Arc::new(Silent) }
 }
 
+/// Stages may lie inside one another; the innermost is shown.
 #[derive(Default)]
 struct Bar {
-    current: Mutex<Option<ProgressBar>>,
+    stages: Mutex<Vec<ProgressBar>>,
+}
+
+impl Bar {
+    fn stages(&self) -> MutexGuard<'_, Vec<ProgressBar>> {
+        self.stages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Progress for Bar {
     fn begin(&self, stage: &str, steps: u64) {
+        let mut stages = self.stages();
+        if let Some(outer) = stages.last() {
+            outer.finish_and_clear();
+        }
         let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr_with_hz(10));
         let template = if steps == 0 {
             "{spinner} {msg} {elapsed}"
@@ -31,17 +42,17 @@ impl Progress for Bar {
         }
         bar.set_message(stage.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        *self.current.lock().unwrap_or_else(PoisonError::into_inner) = Some(bar);
+        stages.push(bar);
     }
 
     fn advance(&self, steps: u64) {
-        if let Some(bar) = self.current.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        if let Some(bar) = self.stages().last() {
             bar.inc(steps);
         }
     }
 
     fn end(&self) {
-        if let Some(bar) = self.current.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        if let Some(bar) = self.stages().pop() {
             bar.finish_and_clear();
         }
     }
