@@ -45,6 +45,7 @@ fn extraction(geometry: &Geometry) -> (Extraction, MeshReport, RunReport) {
         sample_type: source.sample_type(),
         geometry: geometry.clone(),
         voxels: geometry.voxels() as u64,
+        notes: Vec::new(),
     };
     let report = RunReport::new(input, options, &extraction, mesh.clone());
     (extraction, mesh, report)

@@ -177,6 +177,7 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
         sample_type: source.sample_type(),
         geometry: source.geometry().clone(),
         voxels: source.geometry().voxels() as u64,
+        notes: source.notes(),
     };
     let mut extraction = extract(source.as_ref(), &options, execution)?;
     drop(source);
@@ -261,7 +262,7 @@ fn summary(
         }
         n => writeln!(out, "{n} DEFECTS: see report.json")?,
     }
-    for warning in &report.warnings {
+    for warning in report.input.notes.iter().chain(&report.warnings) {
         writeln!(out, "note: {warning}")?;
     }
     let seconds = report.costs.total_seconds();

@@ -53,7 +53,9 @@ impl Drop for Listed {
 
 /// While it lives, nothing new is begun or put in place; see [`abandon_unfinished`].
 #[must_use]
-pub struct Abandoned(#[allow(dead_code)] Option<MutexGuard<'static, BTreeSet<PathBuf>>>);
+pub struct Abandoned {
+    _held: Option<MutexGuard<'static, BTreeSet<PathBuf>>>,
+}
 
 /// Removes all that this process has under way through [`write_atomically`] and [`StagedFolder`], and
 /// lets nothing be begun or put in place while the returned value lives. For a program that is about
@@ -83,7 +85,7 @@ pub fn abandon_unfinished() -> Abandoned {
         }
         std::thread::sleep(PAUSE);
     }
-    Abandoned(held)
+    Abandoned { _held: held }
 }
 
 /// Writes the file `path` through `write`, aside in the same folder, and renames it into place once

@@ -62,6 +62,8 @@ pub struct InputReport {
     pub geometry: Geometry,
     /// Number of voxels.
     pub voxels: u64,
+    /// What the reader assumed or replaced: a spacing the file does not have, say.
+    pub notes: Vec<String>,
 }
 
 /// One material.
