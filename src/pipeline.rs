@@ -145,8 +145,11 @@ pub struct Extraction {
 
 /// If the densest material keeps less than this share of its voxels, its parts are thinner than the
 /// classification allows, and an estimated radius is lowered. On the scans tried, a radius that fits
-/// keeps 0.8 (the switch, whose metal parts are thin) to 1.1.
+/// keeps 0.84 (the engine) to 0.999.
 pub const KEPT_SHARE: f64 = 0.8;
+
+/// What a lowered radius must gain in that share to be preferred.
+const KEPT_GAIN: f64 = 0.05;
 
 /// Extracts the labelled surface of a volume.
 ///
@@ -188,20 +191,29 @@ fn from_greys<S: Sample>(
         None => estimate_blur(samples, &geometry, &materials),
     });
     drop(stage);
-    let Classification { labels, junction, counts } = loop {
+    let classified = |blur: &Blur, costs: &mut CostLog| {
         execution.check()?;
-        let classified =
-            costs.measure("classify", || classify(samples, size, &materials, blur.radius, execution));
-        let lost = match &classified {
-            Ok(c) => c.counts.densest_kept_share() < KEPT_SHARE,
-            Err(ClassifyError::NoCore { .. }) => true,
-            Err(_) => false,
-        };
-        match blur.lowered(&geometry) {
-            Some(lower) if lost && options.radius.is_none() => blur = lower,
-            _ => break classified?,
-        }
+        Ok::<_, PipelineError>(
+            costs.measure("classify", || classify(samples, size, &materials, blur.radius, execution)),
+        )
     };
+    let asked_for = blur;
+    let mut attempt = classified(&blur, &mut costs)?;
+    let first_share = kept_share(&attempt);
+    if options.radius.is_none() {
+        while kept_share(&attempt).is_some_and(|share| share < KEPT_SHARE)
+            && let Some(lower) = blur.lowered(&geometry)
+        {
+            blur = lower;
+            attempt = classified(&blur, &mut costs)?;
+        }
+        if kept_share(&attempt) <= first_share.map(|share| share + KEPT_GAIN) && blur != asked_for {
+            // Not thinness, then: streaks, bright specks, a mean set too high. Nothing was gained.
+            blur = asked_for;
+            attempt = classified(&blur, &mut costs)?;
+        }
+    }
+    let Classification { labels, junction, counts } = attempt?;
     if let [material] = present(&materials, &counts.labelled)[..] {
         return Err(PipelineError::NoInterface { material: material.into() });
     }
@@ -220,6 +232,16 @@ fn from_greys<S: Sample>(
         mesh,
         costs,
     })
+}
+
+/// The share of its voxels that the densest material kept; 0 if nothing at all was certain, `None`
+/// for a failure of another kind.
+fn kept_share(attempt: &Result<Classification, ClassifyError>) -> Option<f64> {
+    match attempt {
+        Ok(c) => Some(c.counts.densest_kept_share()),
+        Err(ClassifyError::NoCore { .. }) => Some(0.0),
+        Err(_) => None,
+    }
 }
 
 /// The names of the materials that have voxels.

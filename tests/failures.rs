@@ -240,8 +240,8 @@ fn materials_that_make_no_sense_are_refused() {
 fn options_out_of_range_are_refused() {
     let work = Work::new();
     for (option, code, words) in [
-        ("--radius 0", 1, &["[0.0, 0.0, 0.0]", "above 0", "16", "--radius"][..]),
-        ("--radius -1", 1, &["[-1.0,", "above 0", "16", "--radius"]),
+        ("--radius 0", 1, &["[0.00, 0.00, 0.00]", "above 0", "16", "--radius"][..]),
+        ("--radius -1", 1, &["[-1.00,", "above 0", "16", "--radius"]),
         ("--radius nan", 1, &["[NaN,", "above 0", "16", "--radius"]),
         ("--radius inf", 1, &["[inf,", "above 0", "16", "--radius"]),
         ("--radius 1000", 1, &["[1000.0,", "above 0", "16", "--radius"]),

@@ -9,7 +9,7 @@ use crate::execution::Cancelled;
 pub enum ClassifyError {
     /// No voxel is surrounded by its own material.
     #[error(
-        "no voxel is surrounded by its own material within the blur radius of {radius:?} voxels, so nothing is certain; give a smaller --radius, or check the materials' grey values"
+        "no voxel is surrounded by its own material within the blur radius of {radius:.2?} voxels, so nothing is certain; give a smaller --radius, or check the materials' grey values"
     )]
     NoCore {
         /// Radius of the core sphere, voxels per axis.
@@ -17,7 +17,7 @@ pub enum ClassifyError {
     },
     /// The blur radius is not usable.
     #[error(
-        "the blur radius {radius:?} is not usable: every value must be above 0 and at most {limit} voxels; 2 or 3 is usual (--radius)"
+        "the blur radius {radius:.2?} is not usable: every value must be above 0 and at most {limit} voxels; 2 or 3 is usual (--radius)"
     )]
     Radius {
         /// As given, voxels per axis.

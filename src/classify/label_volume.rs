@@ -51,7 +51,8 @@ impl LabelVolume {
     ) -> Result<(Self, Vec<f64>), ClassifyError> {
         let mut ids: BTreeMap<OrderedLabel, u8> = BTreeMap::new();
         let mut previous = f32::NAN;
-        for v in samples.iter().map(|v| v.to_f32()) {
+        // Adding zero makes the two zeros of a float volume one label.
+        for v in samples.iter().map(|v| v.to_f32() + 0.0) {
             if v.to_bits() != previous.to_bits() {
                 ids.insert(OrderedLabel(v), 0);
                 previous = v;
@@ -74,7 +75,7 @@ impl LabelVolume {
                 let start = ((z - 1) * size[1] + y - 1) * size[0];
                 let mut previous = (f32::NAN, 0);
                 for (x, v) in samples[start..start + size[0]].iter().enumerate() {
-                    let v = v.to_f32();
+                    let v = v.to_f32() + 0.0;
                     if v.to_bits() != previous.0.to_bits() {
                         previous = (v, ids.get(&OrderedLabel(v)).copied().unwrap_or(0));
                     }
@@ -210,6 +211,8 @@ mod tests {
         }
         let counts = volume.counts();
         assert_eq!(counts.iter().sum::<u64>(), 268);
+        let zeros = LabelVolume::from_labels(&[0.0f32, -0.0, 1.0, -0.0], [4, 1, 1]).unwrap();
+        assert_eq!(zeros.1, [0.0, 1.0]);
         assert!(matches!(LabelVolume::from_labels(&[5u8; 8], [2; 3]), Err(ClassifyError::OneLabel { .. })));
         let many: Vec<u16> = (0..300).collect();
         assert!(matches!(

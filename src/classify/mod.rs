@@ -27,11 +27,9 @@ pub use pair::{core, junction, pair};
 pub use thinning::{Thinned, thin};
 
 use crate::execution::Execution;
+pub use crate::material::MAX_RADIUS;
 use crate::material::MaterialTable;
 use crate::volume::Sample;
-
-/// Largest blur radius, in voxels: its sphere of 2R already holds 10^5 voxels.
-pub const MAX_RADIUS: f64 = 16.0;
 
 /// Numbers of voxels per material after each pass, and what thinning did.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -58,19 +58,26 @@ pub fn thin<S: Sample>(
         classes.map(|c| ((v - means[c]).abs(), c)).min_by(|p, q| p.0.total_cmp(&q.0)).map(|(_, c)| c)
     };
     let mut open = junction.clone();
-    let mut rows: Vec<(usize, usize)> = (1..=size[2])
-        .flat_map(|z| (1..=size[1]).map(move |y| (y, z)))
-        .filter(|&(y, z)| open.row(0, y, z).iter().any(|&w| w != 0))
-        .collect();
+    let is_open = |open: &BitPlanes, (y, z): (usize, usize)| open.row(0, y, z).iter().any(|&w| w != 0);
+    let all_rows = || (1..=size[2]).flat_map(|z| (1..=size[1]).map(move |y| (y, z)));
+    // The rows that a round looks at: where nothing changed nearby in the round before, nothing can
+    // change in this one.
+    let mut rows: Vec<(usize, usize)> = all_rows().filter(|&row| is_open(&open, row)).collect();
+    let rows_per_slice = size[1] + 2;
+    let mut near = vec![false; rows_per_slice * (size[2] + 2)];
     let mut done = Thinned { rounds: 0, settling_rounds: 0, settled: 0 };
     let mut settling = false;
-    while !rows.is_empty() {
+    loop {
         execution.check()?;
         let changes: Vec<Change> = rows
             .par_iter()
             .flat_map_iter(|&(y, z)| row_changes(b, &open, y, z, settling, &nearest))
             .collect();
         if changes.is_empty() {
+            rows = all_rows().filter(|&row| is_open(&open, row)).collect();
+            if rows.is_empty() {
+                return Ok(done);
+            }
             if settling {
                 return Err(ClassifyError::NoCore { radius });
             }
@@ -91,9 +98,20 @@ pub fn thin<S: Sample>(
         }
         // A settled voxel can make cells removable again.
         settling = false;
-        rows.retain(|&(y, z)| open.row(0, y, z).iter().any(|&w| w != 0));
+        for c in &changes {
+            for z in c.z - 1..=c.z + 1 {
+                near[z * rows_per_slice + c.y - 1..=z * rows_per_slice + c.y + 1].fill(true);
+            }
+        }
+        rows.clear();
+        for (i, near) in near.iter_mut().enumerate().filter(|(_, near)| **near) {
+            *near = false;
+            let row = (i % rows_per_slice, i / rows_per_slice);
+            if is_open(&open, row) {
+                rows.push(row);
+            }
+        }
     }
-    Ok(done)
 }
 
 /// The class, of those offered, whose mean is nearest to the grey value of voxel (x, y, z).

@@ -83,7 +83,7 @@ pub(crate) struct Args {
     border: BorderName,
 
     /// How thoroughly to check the mesh: `full` looks for self-intersections too, which takes
-    /// about as long as everything else.
+    /// several times as long as everything else.
     #[arg(long, value_enum, default_value_t = CheckName::Full, help_heading = "Run")]
     check: CheckName,
 
@@ -200,8 +200,7 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
             written => written.context("cannot write to standard output")?,
         }
     }
-    let unexpected = report.defect_count > 0 && report.options.border == Border::Closed;
-    Ok(if unexpected { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if report.unexpected_defects > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// The error, with the path that the user gave for the hidden one where the result was being made.
@@ -251,16 +250,12 @@ fn summary(
         let [rx, ry, rz] = blur.radius;
         writeln!(out, "blur radius R {rx:.2} x {ry:.2} x {rz:.2} voxels")?;
     }
-    match report.defect_count {
-        0 => writeln!(out, "no defects")?,
-        _ if report.options.border == Border::Open => {
-            writeln!(
-                out,
-                "the border is open: {} edges and vertices there are reported",
-                report.defect_count
-            )?;
+    match (report.unexpected_defects, report.options.border) {
+        (0, Border::Closed) => writeln!(out, "no defects")?,
+        (0, Border::Open) => {
+            writeln!(out, "no defects; the border is open along {} edges", n.boundary_edges)?
         }
-        n => writeln!(out, "{n} DEFECTS: see report.json")?,
+        (n, _) => writeln!(out, "{n} DEFECTS: see report.json")?,
     }
     for warning in report.input.notes.iter().chain(&report.warnings) {
         writeln!(out, "note: {warning}")?;

@@ -77,7 +77,10 @@ impl Materials {
             Self::NotFound { reason } => return writeln!(out, "\nno materials: {reason}"),
             Self::Found { materials, blur } => (materials, blur),
         };
-        writeln!(out, "\nmaterials that `interfacet extract` would use:")?;
+        writeln!(
+            out,
+            "\nmaterials that `interfacet extract` would use (it lowers R where thin parts would be lost):"
+        )?;
         writeln!(out, "  id  name              mean grey      noise")?;
         for m in found.table.materials() {
             let noise = m.sigma.map_or_else(|| "-".into(), |s| format!("{s:.4}"));

@@ -17,6 +17,16 @@ pub enum ContourError {
         /// How many there may be.
         limit: u64,
     },
+    /// More triangles than can be numbered.
+    #[error(
+        "the surface would have {triangles} triangles; at most {limit} can be numbered. Work on a part of the volume with --roi"
+    )]
+    TooManyTriangles {
+        /// Triangles counted.
+        triangles: u64,
+        /// How many there may be.
+        limit: u64,
+    },
     /// Stopped from outside.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

@@ -25,6 +25,12 @@ pub enum ExportError {
         /// The file or folder.
         path: PathBuf,
     },
+    /// A folder on which a file system is mounted.
+    #[error("cannot put the result at {}: it is a mount point and cannot be replaced; choose a folder inside it", path.display())]
+    MountPoint {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The folder for the result does not exist.
     #[error("cannot write {}: there is no folder {}; create it first, or choose another", path.display(), folder.display())]
     NoFolder {

@@ -164,7 +164,11 @@ impl StagedFolder {
         builder.prefix(PREFIX);
         #[cfg(unix)]
         {
-            use std::os::unix::fs::PermissionsExt;
+            use std::os::unix::fs::{MetadataExt, PermissionsExt};
+            let device = |path: &Path| fs::metadata(path).map(|m| m.dev()).ok();
+            if target.is_dir() && device(&target) != device(&folder) {
+                return Err(ExportError::MountPoint { path: target });
+            }
             builder.permissions(fs::Permissions::from_mode(0o777));
         }
         let (aside, listed) = Listed::make(|| builder.tempdir_in(folder), TempDir::path)

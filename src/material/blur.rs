@@ -37,6 +37,9 @@ pub const RADIUS_PER_SIGMA: f64 = 2.5;
 /// found "2 or 3 voxels").
 pub const DEFAULT_RADIUS: f64 = 2.5;
 
+/// Largest radius along an axis, in voxels: its sphere of 2R already holds 10^5 voxels.
+pub const MAX_RADIUS: f64 = 16.0;
+
 /// Half-length of a profile, in voxels.
 const REACH: usize = 6;
 /// A gradient counts as parallel to an axis if its cosine is at least this.
@@ -115,7 +118,7 @@ pub fn estimate_blur<S: Sample>(samples: &[S], geometry: &Geometry, materials: &
     Blur {
         sigma_mm: sigma.map(|s| s * edge),
         profiles,
-        radius: radius_per_axis(radius, geometry),
+        radius: radius_per_axis(radius, geometry).map(|r| r.min(MAX_RADIUS)),
         lowered_from: None,
     }
 }

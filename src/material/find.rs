@@ -181,9 +181,7 @@ pub fn find_materials<S: Sample>(
         classes = measure(samples, size, &grid, &greys);
     }
     if count.is_none() {
-        let air =
-            (0..classes.len()).max_by(|&a, &b| classes[a].border.total_cmp(&classes[b].border)).unwrap_or(0);
-        while classes.len() > 2 && classes[0].grey < classes[air.min(classes.len() - 1)].grey {
+        while classes.len() > 2 {
             let covers_border = classes.iter().map(|c| c.border).fold(0.0, f64::max);
             let air = classes.iter().position(|c| c.border >= covers_border).unwrap_or(0);
             if air == 0 || classes[0].voxels > DARKER_THAN_AIR * classes[air].voxels {

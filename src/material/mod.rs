@@ -7,7 +7,7 @@ mod histogram;
 mod sampling;
 mod table;
 
-pub use blur::{Blur, DEFAULT_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis};
+pub use blur::{Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis};
 pub use find::{
     FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, check_present, default_name, find_materials,
     measure_statistics,

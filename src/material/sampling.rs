@@ -6,8 +6,9 @@ pub(super) fn interior_grid(size: [usize; 3], wanted: usize) -> Vec<[usize; 3]> 
     if size.iter().any(|&n| n < 3) {
         return Vec::new();
     }
-    let interior: f64 = size.iter().map(|&n| (n - 2) as f64).product();
-    let stride = (interior / wanted as f64).cbrt().ceil().max(1.0) as usize;
+    let points = |stride: usize| size.iter().map(|&n| (n - 2).div_ceil(stride)).product::<usize>();
+    let longest = size.into_iter().max().unwrap_or(1);
+    let stride = (1..longest).find(|&stride| points(stride) <= wanted).unwrap_or(longest);
     let axis = |n: usize| (1..n - 1).step_by(stride);
     axis(size[2])
         .flat_map(|z| axis(size[1]).flat_map(move |y| axis(size[0]).map(move |x| [x, y, z])))

@@ -68,6 +68,9 @@ pub fn write_result(
     for material in mesh.materials().iter().filter(|m| m.id != MaterialId::BACKGROUND) {
         execution.check()?;
         let shell = split(mesh, material.id);
+        if shell.triangles.is_empty() {
+            continue; // the report says that nothing became this material
+        }
         let stem = format!("{}_{}", material.id.0, material.name);
         write_stl(&shells.join(format!("{stem}.stl")), &shell, &material.name)?;
         write_ply(&shells.join(format!("{stem}.ply")), &shell.to_mesh(mesh, material.id)?, &options)?;

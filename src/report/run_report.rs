@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::classify::ClassifyCounts;
+use crate::contour::Border;
 use crate::execution::CostLog;
 use crate::export::vertices_merged_by_stl;
-use crate::grid::{Geometry, MaterialId};
+use crate::grid::{Geometry, MaterialId, VertexKind};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
 use crate::pipeline::{Extraction, KEPT_SHARE, PipelineOptions};
@@ -45,6 +46,9 @@ pub struct RunReport {
     pub quality: Quality,
     /// Number of defects of all kinds; 0 is the promise for a closed border.
     pub defect_count: u64,
+    /// Those among them that an open border does not explain: with an open border, all but the open
+    /// edges on it. 0 is the promise.
+    pub unexpected_defects: u64,
     /// All defects, located.
     pub defects: Defects,
     /// What each stage cost.
@@ -171,6 +175,10 @@ impl RunReport {
             triangles: p.triangles,
             area: p.area,
         });
+        let unexpected = match options.border {
+            Border::Closed => mesh.defects.total(),
+            Border::Open => unexplained_by_open_border(&mesh, extraction.mesh.kinds()),
+        };
         Self {
             tool: concat!("interfacet ", env!("CARGO_PKG_VERSION")).into(),
             input,
@@ -187,10 +195,20 @@ impl RunReport {
             non_manifold_edges: non_manifold(&mesh.junctions, table),
             quality: mesh.quality,
             defect_count: mesh.defects.total(),
+            unexpected_defects: unexpected,
             defects: mesh.defects,
             costs: extraction.costs.clone(),
         }
     }
+}
+
+/// Defects other than open edges, and boundary edges that are not on the volume's border. (A shell is
+/// open exactly along boundary edges and where it meets the border.)
+fn unexplained_by_open_border(mesh: &MeshReport, kinds: &[VertexKind]) -> u64 {
+    let open = mesh.defects.boundary_edges.count + mesh.defects.open_edges.count;
+    let on_border = |v: &u32| kinds.get(*v as usize).is_some_and(|k| k.is_border());
+    let inside = mesh.junctions.boundaries.curves.iter().filter(|c| !c.vertices.iter().all(on_border));
+    mesh.defects.total() - open + inside.map(|c| c.edges).sum::<u64>()
 }
 
 fn name(table: &MaterialTable, id: MaterialId) -> String {
@@ -230,10 +248,8 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
     }
     for mode in &extraction.rejected {
         out.push(format!(
-            "a mode of the histogram at grey {:.6} was not taken for a material: {} ({:.1} %); name it with --material if it is one",
-            mode.grey,
-            mode.reason,
-            100.0 * mode.inside_share
+            "a mode of the histogram at grey {:.6} was not taken for a material: {}; name it with --material if it is one",
+            mode.grey, mode.reason
         ));
     }
     if options.radius.is_none() && extraction.blur.is_some_and(|b| b.sigma_mm.is_none()) {
@@ -241,7 +257,7 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
     }
     if let Some((from, to)) = extraction.blur.and_then(|b| b.lowered_from.map(|from| (from, b.radius))) {
         out.push(format!(
-            "the radius R that the blur asks for ({:.2} voxels) would have lost thin parts, so {:.2} was used: interfaces between materials that are not neighbours in grey are less certain (set it with --radius)",
+            "the radius R that the blur asks for ({:.2} voxels) would have lost thin parts, so {:.2} was used. Thin parts are found again but not measured: their mean grey, thickness, volume and holes are not reliable, and neither are interfaces between materials that are not neighbours in grey (set R with --radius)",
             from[0], to[0]
         ));
     }
@@ -249,6 +265,13 @@ fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defect
     if merged > 0 {
         out.push(format!(
             "{merged} vertices fall together in the 32-bit coordinates of STL, as the volume lies far from the origin for its voxels' size: the STL files have defects there, the PLY files do not"
+        ));
+    }
+    let unused = extraction.materials.materials().iter().zip(&extraction.voxels).filter(|(_, n)| **n == 0);
+    for (material, _) in unused {
+        out.push(format!(
+            "no voxel became {} (grey {:.6}): it occurs only in parts thinner than the blur allows, or its grey value is only that of a blurred interface",
+            material.name, material.mean
         ));
     }
     if let Some(counts) = extraction.classification.as_ref().filter(|c| c.densest_kept_share() < KEPT_SHARE) {

@@ -29,7 +29,7 @@ use fill::LayerSlices;
 /// Extracts the interfaces of a labelled volume.
 ///
 /// # Errors
-/// [`ContourError::TooManyVertices`] if their number exceeds what an index can name;
+/// [`ContourError::TooManyVertices`] or [`ContourError::TooManyTriangles`] if an index could not name them;
 /// [`ContourError::Cancelled`] if asked to stop.
 pub fn march<C: CrossingRule>(
     labels: &LabelVolume,
@@ -49,11 +49,16 @@ pub fn march<C: CrossingRule>(
         })
         .collect::<Result<_, ContourError>>()?;
     let vertices: u64 = counts.iter().map(LayerCount::vertices).sum();
-    let limit = u64::from(u32::MAX);
+    // PLY indices are signed; better refused now than after all the work.
+    let limit = u64::from(i32::MAX.unsigned_abs());
     if vertices > limit {
         return Err(ContourError::TooManyVertices { vertices, limit });
     }
     let triangles: usize = counts.iter().map(|c| c.triangles).sum();
+    let limit = u64::from(u32::MAX);
+    if triangles as u64 > limit {
+        return Err(ContourError::TooManyTriangles { triangles: triangles as u64, limit });
+    }
     let any_pair = Pair::new(MaterialId(1), MaterialId::BACKGROUND);
     let mut patch = Patch {
         positions: vec![[0.0; 3]; vertices as usize],
