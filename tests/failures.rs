@@ -245,7 +245,7 @@ fn options_out_of_range_are_refused() {
         ("--radius nan", 1, &["[NaN,", "above 0", "16", "--radius"]),
         ("--radius inf", 1, &["[inf,", "above 0", "16", "--radius"]),
         ("--radius 1000", 1, &["[1000.00,", "above 0", "16", "--radius"]),
-        ("--radius 15", 1, &["[15.0,", "no voxel", "smaller --radius"]),
+        ("--radius 15", 1, &["[15.00,", "no voxel", "smaller --radius"]),
         ("--count 0", 1, &["0 material(s)", "2 to 64", "--count"]),
         ("--count 1", 1, &["1 material(s)", "2 to 64", "--count"]),
         ("--count 1000", 1, &["1000 material(s)", "2 to 64", "--material"]),
