@@ -186,7 +186,7 @@ fn from_greys<S: Sample>(
     let stage = execution.stage("finding materials", 0);
     let Found { table: materials, rejected } =
         costs.measure("materials", || choose_materials(samples, size, choice))?;
-    let mut blur = costs.measure("blur", || match options.radius {
+    let blur = costs.measure("blur", || match options.radius {
         Some(radius) => Blur::given(radius, &geometry),
         None => estimate_blur(samples, &geometry, &materials),
     });
@@ -197,22 +197,21 @@ fn from_greys<S: Sample>(
             costs.measure("classify", || classify(samples, size, &materials, blur.radius, execution)),
         )
     };
-    let asked_for = blur;
-    let mut attempt = classified(&blur, &mut costs)?;
-    let first_share = kept_share(&attempt);
-    if options.radius.is_none() {
-        while kept_share(&attempt).is_some_and(|share| share < KEPT_SHARE)
-            && let Some(lower) = blur.lowered(&geometry)
-        {
-            blur = lower;
-            attempt = classified(&blur, &mut costs)?;
-        }
-        if kept_share(&attempt) <= first_share.map(|share| share + KEPT_GAIN) && blur != asked_for {
-            // Not thinness, then: streaks, bright specks, a mean set too high. Nothing was gained.
-            blur = asked_for;
-            attempt = classified(&blur, &mut costs)?;
-        }
+    let asked_for = (blur, classified(&blur, &mut costs)?);
+    let mut lowered = None;
+    while options.radius.is_none()
+        && let (blur, attempt) = lowered.as_ref().unwrap_or(&asked_for)
+        && kept_share(attempt).is_some_and(|share| share < KEPT_SHARE)
+        && let Some(lower) = blur.lowered(&geometry)
+    {
+        lowered = Some((lower, classified(&lower, &mut costs)?));
     }
+    let enough = kept_share(&asked_for.1).map(|share| share + KEPT_GAIN);
+    let (blur, attempt) = match lowered {
+        Some(lowered) if kept_share(&lowered.1) > enough => lowered,
+        // If lowering gained nothing it was not thinness: streaks, bright specks, a mean set too high.
+        _ => asked_for,
+    };
     let Classification { labels, junction, counts } = attempt?;
     if let [material] = present(&materials, &counts.labelled)[..] {
         return Err(PipelineError::NoInterface { material: material.into() });

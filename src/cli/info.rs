@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use super::input::InputArgs;
 use crate::execution::Execution;
-use crate::grid::{Geometry, VoxelBox};
+use crate::grid::Geometry;
 use crate::material::{Blur, Found};
 use crate::pipeline::{MaterialChoice, survey};
-use crate::volume::{Sample, SampleType, Samples, VolumeError, VolumeSource};
+use crate::volume::{Sample, SampleType, Samples, VolumeSource};
 use crate::with_samples;
 
 const EXAMPLES: &str = "\
@@ -36,8 +36,15 @@ pub(crate) struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     let source = args.input.open()?;
-    let grey = Grey::measure(source.as_ref(), execution)?;
-    let materials = Materials::survey(source.as_ref())?;
+    let stage = execution.stage("reading", 0);
+    let samples = source.read_all()?;
+    drop(stage);
+    let stage = execution.stage("looking at grey values", 0);
+    let grey = Grey::measure(&samples);
+    execution.check()?;
+    let materials = Materials::survey(&samples, source.geometry());
+    drop(stage);
+    execution.check()?;
     let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey, materials);
     let mut out = Vec::new();
     if args.json {
@@ -64,12 +71,11 @@ enum Materials {
 }
 
 impl Materials {
-    fn survey(source: &dyn VolumeSource) -> Result<Self> {
-        let samples = source.read_all()?;
-        Ok(match survey(&samples, source.geometry(), &MaterialChoice::default()) {
+    fn survey(samples: &Samples, geometry: &Geometry) -> Self {
+        match survey(samples, geometry, &MaterialChoice::default()) {
             Ok((materials, blur)) => Self::Found { materials, blur },
             Err(error) => Self::NotFound { reason: error.to_string() },
-        })
+        }
     }
 
     fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
@@ -162,21 +168,17 @@ impl Grey {
     /// exact for integers, and percentiles are good to 1/65536 of the range for others.
     const FINE: usize = 1 << 16;
 
-    /// Reads the whole volume, slab by slab where that is cheap.
-    fn measure(source: &dyn VolumeSource, execution: &Execution) -> Result<Self> {
-        let slabs = Slabs::new(source)?;
-        let integer = source.sample_type() != SampleType::F32;
+    fn measure(samples: &Samples) -> Self {
+        let integer = samples.sample_type() != SampleType::F32;
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         if integer {
-            let low = if source.sample_type() == SampleType::I16 { -32768.0 } else { 0.0 };
+            let low = if samples.sample_type() == SampleType::I16 { -32768.0 } else { 0.0 };
             range = [low, low + (Self::FINE - 1) as f64];
         } else {
-            slabs.visit(execution, "finding the grey range", |samples| {
-                with_samples!(samples, values => for v in values {
-                    let v = f64::from(v.to_f32());
-                    range = [range[0].min(v), range[1].max(v)];
-                });
-            })?;
+            with_samples!(samples, values => for v in values {
+                let v = f64::from(v.to_f32());
+                range = [range[0].min(v), range[1].max(v)];
+            });
         }
         let width = if integer { 1.0 } else { (range[1] - range[0]) / (Self::FINE - 1) as f64 };
         // Of a constant volume everything falls into bin 0.
@@ -185,15 +187,13 @@ impl Grey {
         // Sums of differences to a value inside the range: no cancellation for far offsets.
         let (mut sum, mut squares) = (0.0, 0.0);
         let middle = if integer { 0.0 } else { 0.5 * (range[0] + range[1]) };
-        slabs.visit(execution, "counting grey values", |samples| {
-            with_samples!(samples, values => for v in values {
-                let v = f64::from(v.to_f32());
-                counts[(((v - range[0]) * scale).round() as usize).min(Self::FINE - 1)] += 1;
-                sum += v - middle;
-                squares += (v - middle) * (v - middle);
-            });
-        })?;
-        Ok(Self::from_counts(&counts, range[0], width, middle, [sum, squares]))
+        with_samples!(samples, values => for v in values {
+            let v = f64::from(v.to_f32());
+            counts[(((v - range[0]) * scale).round() as usize).min(Self::FINE - 1)] += 1;
+            sum += v - middle;
+            squares += (v - middle) * (v - middle);
+        });
+        Self::from_counts(&counts, range[0], width, middle, [sum, squares])
     }
 
     /// Statistics from counts of the values `low + i * width`, and sums of `value - middle` and its
@@ -230,38 +230,6 @@ impl Grey {
             percentile_99: percentile(99.0),
             histogram,
         }
-    }
-}
-
-/// A volume to be looked at more than once: in slabs of some tens of megabytes, or, where a part
-/// costs as much as all of it, held in memory.
-struct Slabs<'a> {
-    source: &'a dyn VolumeSource,
-    held: Option<Samples>,
-}
-
-impl<'a> Slabs<'a> {
-    fn new(source: &'a dyn VolumeSource) -> Result<Self, VolumeError> {
-        let held = if source.cheap_partial_reads() { None } else { Some(source.read_all()?) };
-        Ok(Self { source, held })
-    }
-
-    fn visit(&self, execution: &Execution, stage: &str, mut visit: impl FnMut(&Samples)) -> Result<()> {
-        const SLAB: usize = 1 << 25;
-        if let Some(samples) = &self.held {
-            visit(samples);
-            return Ok(());
-        }
-        let size = self.source.geometry().size();
-        let thick = (SLAB / (size[0] * size[1] * self.source.sample_type().bytes())).max(1);
-        let stage = execution.stage(stage, size[2] as u64);
-        for z in (0..size[2]).step_by(thick) {
-            execution.check()?;
-            let end = (z + thick).min(size[2]);
-            visit(&self.source.read(&VoxelBox { low: [0, 0, z], high: [size[0], size[1], end] })?);
-            stage.advance((end - z) as u64);
-        }
-        Ok(())
     }
 }
 
@@ -384,13 +352,9 @@ fn bytes(value: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Geometry;
-    use crate::volume::MemorySource;
 
     fn measure(samples: Samples) -> Grey {
-        let geometry = Geometry::axis_aligned([samples.len(), 1, 1], [1.0; 3]).unwrap();
-        let source = MemorySource::new(geometry, samples).unwrap();
-        Grey::measure(&source, &Execution::default()).unwrap()
+        Grey::measure(&samples)
     }
 
     #[test]
