@@ -18,6 +18,7 @@ use interfacet::execution::{Execution, peak_memory};
 use interfacet::grid::Geometry;
 use interfacet::material::{MaterialTable, estimate_blur, find_materials};
 use interfacet::mesh::{InterfaceMesh, MeshMaterial};
+use interfacet::volume::Slab;
 use rayon::prelude::*;
 
 /// R in voxels per axis.
@@ -63,6 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let geometry = Geometry::axis_aligned(size, [0.4, 0.4, 0.5])?;
     let execution = Execution::default();
     let table = MaterialTable::new([("air", 4000.0), ("aluminium", 11600.0), ("iron", 40000.0)])?;
+    let slab = Slab::whole(&samples, size);
     let before = peak_memory();
 
     let mut times: Vec<[f64; 7]> = Vec::new();
@@ -71,20 +73,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         drop(last.take());
         let mut clock = Clock::start();
         let mut laps = [0.0; 7];
-        let planes = alpha(&samples, size, &table);
+        let planes = alpha(slab, &table);
         laps[0] = clock.lap();
-        let mut b = core(&planes, &Ball::new(RADIUS));
+        let certain = core(&planes, &Ball::new(RADIUS), planes.slices());
         laps[1] = clock.lap();
-        pair(&samples, &mut b, &planes, &Ball::new(RADIUS.map(|r| 2.0 * r)), &table);
-        drop(planes);
+        let twice = Ball::new(RADIUS.map(|r| 2.0 * r));
+        let mut b = pair(slab, &certain, &planes, &twice, &table, planes.slices());
+        drop((planes, certain));
         laps[2] = clock.lap();
         let undecided = junction(&b);
-        let thinned = thin(&samples, &mut b, &undecided, &table, RADIUS, &execution)?;
+        let thinned = thin(slab, &mut b, &undecided, &table, RADIUS, &execution)?;
         laps[3] = clock.lap();
         let labels = LabelVolume::from_planes(&b);
         drop(b);
         laps[4] = clock.lap();
-        let rule = Thresholds::new(&samples, size, &undecided, &table);
+        let rule = Thresholds::new(slab, &undecided, &table);
         let patch = march(&labels, &rule, Border::Closed, &execution)?;
         laps[5] = clock.lap();
         laps[6] = laps.iter().sum();

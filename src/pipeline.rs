@@ -13,7 +13,7 @@ use crate::material::{
     estimate_blur, find_materials, measure_statistics, radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshError, MeshMaterial};
-use crate::volume::{Sample, Samples, VolumeError, VolumeSource};
+use crate::volume::{Sample, Samples, Slab, VolumeError, VolumeSource};
 use crate::with_samples;
 
 /// What to make of a volume.
@@ -183,6 +183,7 @@ fn from_greys<S: Sample>(
     execution: &Execution,
 ) -> Result<Extraction, PipelineError> {
     let size = geometry.size();
+    let slab = Slab::whole(samples, size);
     let stage = execution.stage("finding materials", 0);
     let Found { table: materials, rejected } =
         costs.measure("materials", || choose_materials(samples, size, choice))?;
@@ -194,7 +195,7 @@ fn from_greys<S: Sample>(
     let classified = |blur: &Blur, costs: &mut CostLog| {
         execution.check()?;
         Ok::<_, PipelineError>(
-            costs.measure("classify", || classify(samples, size, &materials, blur.radius, execution)),
+            costs.measure("classify", || classify(slab, &materials, blur.radius, execution)),
         )
     };
     let asked_for = (blur, classified(&blur, &mut costs)?);
@@ -216,7 +217,7 @@ fn from_greys<S: Sample>(
     if let [material] = present(&materials, &counts.labelled)[..] {
         return Err(PipelineError::NoInterface { material: material.into() });
     }
-    let rule = Thresholds::new(samples, size, &junction, &materials);
+    let rule = Thresholds::new(slab, &junction, &materials);
     let patch = costs.measure("contour", || march(&labels, &rule, options.border, execution))?;
     let listed = MeshMaterial::from_table(&materials);
     let mesh = costs.measure("mesh", || InterfaceMesh::from_patch(patch, &geometry, listed))?;

@@ -2,20 +2,21 @@
 
 use super::bit_planes::{BitPlanes, WORD};
 use crate::material::MaterialTable;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// One plane per material: the voxels whose grey value lies between the thresholds to the
-/// neighbouring materials, `t_(i-1)i <= v < t_i(i+1)`. `samples` is x fastest.
+/// neighbouring materials, `t_(i-1)i <= v < t_i(i+1)`. The planes hold the slices of the slab.
 #[must_use]
-pub fn alpha<S: Sample>(samples: &[S], size: [usize; 3], materials: &MaterialTable) -> BitPlanes {
+pub fn alpha<S: Sample>(slab: Slab<'_, S>, materials: &MaterialTable) -> BitPlanes {
     let n = materials.count();
     let ids = materials.materials();
     let thresholds: Vec<f32> = ids.windows(2).map(|w| materials.threshold(w[0].id, w[1].id) as f32).collect();
-    let mut planes = BitPlanes::new(size, n);
+    let size = slab.size();
+    let held = slab.slices();
+    let mut planes = BitPlanes::window(size, n, held.start + 1..held.end + 1);
     planes.fill_slices(|z, mut slice| {
         for y in 1..=size[1] {
-            let start = ((z - 1) * size[1] + y - 1) * size[0];
-            let row = &samples[start..start + size[0]];
+            let row = slab.row(y - 1, z - 1);
             for (i, &t) in thresholds.iter().enumerate() {
                 at_least_row(row, t, slice.row(i + 1, y));
             }
@@ -76,7 +77,7 @@ mod tests {
         for nx in [1usize, 62, 63, 64, 129] {
             let size = [nx, 2, 2];
             let samples: Vec<i16> = (0..nx * 4).map(|i| (i * 7 % 41) as i16 - 3).collect();
-            let planes = alpha(&samples, size, &table);
+            let planes = alpha(Slab::whole(&samples, size), &table);
             for (i, &v) in samples.iter().enumerate() {
                 let (x, y, z) = (i % nx + 1, i / nx % 2 + 1, i / nx / 2 + 1);
                 let class = if v < 5 {

@@ -58,53 +58,50 @@ impl Ball {
     pub fn voxels(&self) -> usize {
         self.by_half_chord.iter().enumerate().map(|(h, rows)| (2 * h + 1) * rows.len()).sum()
     }
+}
 
-    /// Every plane dilated by the ball: a voxel is set where any voxel of the ball around it is.
-    /// Voxels beyond the volume count as not set. Halo: [`Ball::reach`].
+/// Bit planes dilated by a ball, a row at a time: a voxel is set where any voxel of the ball around
+/// it is. Voxels beyond the volume, and slices that the planes do not hold, count as not set.
+/// Halo: [`Ball::reach`].
+pub struct Dilation<'a> {
+    planes: &'a BitPlanes,
+    ball: &'a Ball,
+    /// Which rows have any bit, in the order slice, plane, row.
+    occupied: Vec<bool>,
+}
+
+impl<'a> Dilation<'a> {
+    /// The dilation of `planes` by `ball`.
     #[must_use]
-    pub fn dilate(&self, planes: &BitPlanes) -> BitPlanes {
-        let padded = planes.padded();
-        let words = planes.words();
-        let occupied = occupied_rows(planes);
-        let mut out = BitPlanes::new(padded.map(|n| n - 2), planes.count());
-        let masks: Vec<u64> = (0..words).map(|w| planes.voxel_mask(w)).collect();
-        out.fill_slices(|z, mut slice| {
-            let mut wide = vec![0u64; words];
-            let mut scratch = vec![0u64; words];
-            for plane in 0..planes.count() {
-                for y in 1..padded[1] - 1 {
-                    wide.fill(0);
-                    let mut any = false;
-                    for rows in self.by_half_chord.iter().rev() {
-                        if any {
-                            widen(&wide, &mut scratch);
-                            std::mem::swap(&mut wide, &mut scratch);
-                        }
-                        for &(dy, dz) in rows {
-                            let (Some(y), Some(z)) = (y.checked_add_signed(dy), z.checked_add_signed(dz))
-                            else {
-                                continue;
-                            };
-                            if y < padded[1]
-                                && z < padded[2]
-                                && occupied[(z * planes.count() + plane) * padded[1] + y]
-                            {
-                                any = true;
-                                for (a, b) in wide.iter_mut().zip(planes.row(plane, y, z)) {
-                                    *a |= b;
-                                }
-                            }
-                        }
-                    }
-                    if any {
-                        for ((out, wide), mask) in slice.row(plane, y).iter_mut().zip(&wide).zip(&masks) {
-                            *out = wide & mask;
-                        }
+    pub fn new(planes: &'a BitPlanes, ball: &'a Ball) -> Self {
+        Self { planes, ball, occupied: occupied_rows(planes) }
+    }
+
+    /// Writes row (y, z) of a dilated plane, in padded coordinates, to `out`; bits at the points of
+    /// `OUTSIDE` are not to be relied on. `scratch` is as long as `out`. Returns whether any bit is set.
+    pub fn row(&self, plane: usize, y: usize, z: usize, out: &mut [u64], scratch: &mut [u64]) -> bool {
+        let (rows, held) = (self.planes.padded()[1], self.planes.slices());
+        out.fill(0);
+        let mut any = false;
+        for group in self.ball.by_half_chord.iter().rev() {
+            if any {
+                widen(out, scratch);
+                out.copy_from_slice(scratch);
+            }
+            for &(dy, dz) in group {
+                let (y, z) = (y.wrapping_add_signed(dy), z.wrapping_add_signed(dz));
+                if y < rows
+                    && held.contains(&z)
+                    && self.occupied[((z - held.start) * self.planes.count() + plane) * rows + y]
+                {
+                    any = true;
+                    for (a, b) in out.iter_mut().zip(self.planes.row(plane, y, z)) {
+                        *a |= b;
                     }
                 }
             }
-        });
-        out
+        }
+        any
     }
 }
 
@@ -121,12 +118,13 @@ fn widen(row: &[u64], out: &mut [u64]) {
 /// Which rows have any bit, in the order slice, plane, row.
 fn occupied_rows(planes: &BitPlanes) -> Vec<bool> {
     use rayon::prelude::*;
-    let padded = planes.padded();
-    (0..padded[2])
+    let rows = planes.padded()[1];
+    planes
+        .slices()
         .into_par_iter()
         .flat_map_iter(|z| {
             (0..planes.count())
-                .flat_map(move |p| (0..padded[1]).map(move |y| planes.row(p, y, z).iter().any(|&w| w != 0)))
+                .flat_map(move |p| (0..rows).map(move |y| planes.row(p, y, z).iter().any(|&w| w != 0)))
         })
         .collect()
 }
@@ -156,17 +154,20 @@ mod tests {
             for &(x, y, z) in &seeds {
                 planes.row_mut(1, y + 1, z + 1)[(x + 1) / 64] |= 1 << ((x + 1) % 64);
             }
-            let out = Ball::new(radius).dilate(&planes);
-            for z in 0..size[2] + 2 {
-                for y in 0..size[1] + 2 {
-                    for x in 0..size[0] + 2 {
-                        let voxel = [x, y, z].iter().zip(size).all(|(&c, n)| c >= 1 && c <= n);
+            let ball = Ball::new(radius);
+            let dilation = Dilation::new(&planes, &ball);
+            let (mut out, mut scratch) = (vec![0; planes.words()], vec![0; planes.words()]);
+            for z in 1..=size[2] {
+                for y in 1..=size[1] {
+                    prop_assert!(!dilation.row(0, y, z, &mut out, &mut scratch));
+                    let any = dilation.row(1, y, z, &mut out, &mut scratch);
+                    prop_assert_eq!(any, out.iter().any(|&w| w != 0));
+                    for x in 1..=size[0] {
                         let near = |&(sx, sy, sz): &(usize, usize, usize)| {
                             let d = [(x, sx), (y, sy), (z, sz)];
                             (0..3).map(|a| ((d[a].0 as f64 - 1.0 - d[a].1 as f64) / radius[a]).powi(2)).sum::<f64>() <= 1.0 + 1e-9
                         };
-                        prop_assert_eq!(out.bit(1, x, y, z), voxel && seeds.iter().any(near));
-                        prop_assert!(!out.bit(0, x, y, z));
+                        prop_assert_eq!(out[x / 64] >> (x % 64) & 1 == 1, seeds.iter().any(near));
                     }
                 }
             }

@@ -3,20 +3,25 @@
 //! The planes cover the *padded lattice*: the volume with one layer of `OUTSIDE` on every side, so
 //! voxel (x, y, z) is bit x + 1 of row (y + 1, z + 1). Rows are padded to whole words. Planes that
 //! belong together are kept slice by slice, so that a slice of all of them is one contiguous piece
-//! which a thread can own.
+//! which a thread can own. Planes may hold a *window* of slices only; rows keep the coordinates that
+//! they have in the whole lattice.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 /// Bits in a word.
 pub const WORD: usize = 64;
 
-/// `count` bit planes over one padded lattice.
+/// `count` bit planes over one padded lattice, or over some slices of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BitPlanes {
     count: usize,
     /// Padded lattice points per axis.
     padded: [usize; 3],
     words: usize,
+    /// The first of the slices that are held, in padded coordinates.
+    first: usize,
     data: Vec<u64>,
 }
 
@@ -24,9 +29,17 @@ impl BitPlanes {
     /// `count` empty planes for a volume of `size` voxels.
     #[must_use]
     pub fn new(size: [usize; 3], count: usize) -> Self {
+        Self::window(size, count, 0..size[2] + 2)
+    }
+
+    /// `count` empty planes that hold the padded slices `slices` of a volume of `size` voxels.
+    #[must_use]
+    pub fn window(size: [usize; 3], count: usize, slices: Range<usize>) -> Self {
         let padded = size.map(|n| n + 2);
+        debug_assert!(slices.end <= padded[2]);
         let words = padded[0].div_ceil(WORD);
-        Self { count, padded, words, data: vec![0; count * words * padded[1] * padded[2]] }
+        let data = vec![0; count * words * padded[1] * slices.len()];
+        Self { count, padded, words, first: slices.start, data }
     }
 
     /// Number of planes.
@@ -39,6 +52,30 @@ impl BitPlanes {
     #[must_use]
     pub fn padded(&self) -> [usize; 3] {
         self.padded
+    }
+
+    /// Voxels per axis of the whole volume.
+    #[must_use]
+    pub fn size(&self) -> [usize; 3] {
+        self.padded.map(|n| n - 2)
+    }
+
+    /// The slices that are held, in padded coordinates.
+    #[must_use]
+    pub fn slices(&self) -> Range<usize> {
+        self.first..self.first + self.data.len() / self.slice_words()
+    }
+
+    /// The slices of voxels that are held, in padded coordinates: none of `OUTSIDE`.
+    #[must_use]
+    pub fn voxel_slices(&self) -> Range<usize> {
+        let held = self.slices();
+        held.start.max(1)..held.end.min(self.padded[2] - 1)
+    }
+
+    /// Words of one slice of all planes.
+    fn slice_words(&self) -> usize {
+        (self.count * self.padded[1] * self.words).max(1)
     }
 
     /// Words per row.
@@ -54,7 +91,7 @@ impl BitPlanes {
     }
 
     fn start(&self, plane: usize, y: usize, z: usize) -> usize {
-        ((z * self.count + plane) * self.padded[1] + y) * self.words
+        (((z - self.first) * self.count + plane) * self.padded[1] + y) * self.words
     }
 
     /// A row of a plane, in padded coordinates.
@@ -87,25 +124,71 @@ impl BitPlanes {
         ((low | high) & 3) as u8
     }
 
-    /// Fills the slices of the volume (not the outside layers) in parallel: `fill(z, slice)` gets
-    /// the padded z and the words of all planes of that slice, plane by plane, row by row.
+    /// Fills the slices of voxels that are held (none of `OUTSIDE`) in parallel: `fill(z, slice)`
+    /// gets the padded z and the words of all planes of that slice, plane by plane, row by row.
     pub fn fill_slices(&mut self, fill: impl Fn(usize, SliceMut<'_>) + Sync) {
-        let (count, rows, words) = (self.count, self.padded[1], self.words);
-        let inner = 1..self.padded[2] - 1;
-        self.data.par_chunks_mut((count * rows * words).max(1)).enumerate().for_each(|(z, data)| {
-            if inner.contains(&z) {
-                fill(z, SliceMut { rows, words, data });
+        let (rows, words, first) = (self.padded[1], self.words, self.first);
+        let (inner, slice) = (self.voxel_slices(), self.slice_words());
+        self.data.par_chunks_mut(slice).enumerate().for_each(|(i, data)| {
+            if inner.contains(&(first + i)) {
+                fill(first + i, SliceMut { rows, words, data });
             }
         });
     }
 
-    /// The number of set bits of each plane.
+    /// The words of consecutive slices of all planes.
+    ///
+    /// # Panics
+    /// If they are not held.
+    #[must_use]
+    pub fn slice_data(&self, slices: Range<usize>) -> &[u64] {
+        let words = self.slice_words();
+        &self.data[(slices.start - self.first) * words..(slices.end - self.first) * words]
+    }
+
+    /// The same planes with other slices: those held by both are kept, the others are empty.
+    #[must_use]
+    pub fn moved(mut self, slices: Range<usize>) -> Self {
+        let (held, words) = (self.slices(), self.slice_words());
+        let kept = slices.start.max(held.start)..slices.end.min(held.end).max(slices.start.max(held.start));
+        if kept.start == slices.start {
+            // In place: what is no longer wanted goes, the rest moves down.
+            self.data.truncate((kept.end - held.start) * words);
+            self.data.drain(..(kept.start - held.start) * words);
+            self.data.resize(slices.len() * words, 0);
+            self.first = slices.start;
+            return self;
+        }
+        let mut out = Self::window(self.size(), self.count, slices.clone());
+        if !kept.is_empty() {
+            let at = (kept.start - slices.start) * words;
+            out.data[at..at + kept.len() * words].copy_from_slice(self.slice_data(kept));
+        }
+        out
+    }
+
+    /// Overwrites consecutive slices of all planes.
+    ///
+    /// # Panics
+    /// If they are not held or `words` are not as many as the slices have.
+    pub fn set_slices(&mut self, first: usize, words: &[u64]) {
+        let start = (first - self.first) * self.slice_words();
+        self.data[start..start + words.len()].copy_from_slice(words);
+    }
+
+    /// The number of set bits of each plane in the slices that are held.
     #[must_use]
     pub fn counts(&self) -> Vec<u64> {
+        self.counts_in(self.slices())
+    }
+
+    /// The number of set bits of each plane in some of the slices that are held.
+    #[must_use]
+    pub fn counts_in(&self, slices: Range<usize>) -> Vec<u64> {
         let slice = self.padded[1] * self.words;
         let zero = || vec![0u64; self.count];
-        self.data
-            .par_chunks((self.count * slice).max(1))
+        self.slice_data(slices)
+            .par_chunks(self.slice_words())
             .fold(zero, |mut sum, data| {
                 for (s, plane) in sum.iter_mut().zip(data.chunks(slice)) {
                     *s += plane.iter().map(|w| u64::from(w.count_ones())).sum::<u64>();
@@ -115,28 +198,15 @@ impl BitPlanes {
             .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
     }
 
-    /// One of the planes on its own.
-    #[must_use]
-    pub fn plane(&self, plane: usize) -> Self {
-        let size = self.padded.map(|n| n - 2);
-        let mut out = Self::new(size, 1);
-        out.fill_slices(|z, mut slice| {
-            for y in 0..self.padded[1] {
-                slice.row(0, y).copy_from_slice(self.row(plane, y, z));
-            }
-        });
-        out
-    }
-
     /// The number of bits set both in `plane` of these planes and in `other_plane` of others over
-    /// the same lattice.
+    /// the same lattice, in slices that both hold.
     #[must_use]
-    pub fn count_common(&self, plane: usize, other: &Self, other_plane: usize) -> u64 {
+    pub fn count_common(&self, plane: usize, other: &Self, other_plane: usize, slices: Range<usize>) -> u64 {
         let row = |y: usize, z: usize| {
             let pairs = self.row(plane, y, z).iter().zip(other.row(other_plane, y, z));
             pairs.map(|(a, b)| u64::from((a & b).count_ones())).sum::<u64>()
         };
-        (0..self.padded[2]).into_par_iter().map(|z| (0..self.padded[1]).map(|y| row(y, z)).sum::<u64>()).sum()
+        slices.into_par_iter().map(|z| (0..self.padded[1]).map(|y| row(y, z)).sum::<u64>()).sum()
     }
 
     /// The word mask of a row's voxels: its bits without the outside points at both ends.
@@ -198,12 +268,34 @@ mod tests {
                 }
             }
             assert_eq!(planes.counts(), vec![0, expected]);
-            assert_eq!(planes.plane(1).counts(), vec![expected]);
-            assert_eq!(planes.count_common(1, &planes.plane(1), 0), expected);
-            assert_eq!(planes.count_common(0, &planes, 1), 0);
+            assert_eq!(planes.count_common(1, &planes, 1, 1..4), expected);
+            assert_eq!(planes.count_common(0, &planes, 1, 1..4), 0);
             let voxels: u32 = (0..planes.words()).map(|w| planes.voxel_mask(w).count_ones()).sum();
             assert_eq!(voxels as usize, nx);
             assert_eq!(planes.voxel_mask(0) & 1, 0);
         }
+    }
+
+    #[test]
+    fn a_window_holds_its_slices_under_their_own_numbers() {
+        let fill = |planes: &mut BitPlanes| {
+            planes.fill_slices(|z, mut slice| slice.row(1, 2)[1] = z as u64);
+        };
+        let mut window = BitPlanes::window([100, 3, 9], 2, 4..8);
+        fill(&mut window);
+        assert_eq!((window.slices(), window.voxel_slices()), (4..8, 4..8));
+        assert_eq!(window.row(1, 2, 5)[1], 5);
+        for (to, kept) in [(6..10, 6..8), (2..6, 4..6), (8..11, 8..8), (0..3, 3..3), (5..7, 5..7)] {
+            let moved = window.clone().moved(to.clone());
+            assert_eq!(moved.slices(), to);
+            for z in to {
+                assert_eq!(moved.row(1, 2, z)[1], if kept.contains(&z) { z as u64 } else { 0 });
+            }
+        }
+        let mut last = BitPlanes::window([100, 3, 9], 2, 7..11);
+        fill(&mut last);
+        assert_eq!((last.voxel_slices(), last.row(1, 2, 10)[1]), (7..10, 0));
+        last.set_slices(7, window.slice_data(7..8));
+        assert_eq!(last.row(1, 2, 7)[1], 7);
     }
 }

@@ -2,8 +2,10 @@
 //!
 //! Labels are kept bit-sliced: with n materials and `OUTSIDE` as code n, code bit p of every voxel
 //! is plane p. Three materials take two bits per voxel, and 64 neighbours are compared at a time.
+//! It may hold some slices of the volume only, under the numbers they have in it.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
@@ -19,20 +21,22 @@ pub struct LabelVolume {
 }
 
 impl LabelVolume {
-    /// From one plane per material; every voxel must be in exactly one of them.
+    /// From one plane per material. A voxel in none of them, not decided yet, gets the code of
+    /// `OUTSIDE`. Holds the slices that they hold, and `OUTSIDE` beyond them where the volume ends.
     #[must_use]
     pub fn from_planes(b: &BitPlanes) -> Self {
-        let size = b.padded().map(|n| n - 2);
-        let mut out = Self::all_outside(size, b.count());
+        let size = b.size();
+        let mut out = Self::all_outside(size, b.count(), Self::with_ends(b.voxel_slices(), size));
         let bits = out.codes.count();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {
-                for p in 0..bits {
-                    for w in 0..b.words() {
+                for w in 0..b.words() {
+                    let decided = (0..b.count()).fold(0, |any, i| any | b.row(i, y, z)[w]);
+                    for p in 0..bits {
                         let members = (0..b.count()).filter(|i| i >> p & 1 == 1);
                         let inside = members.fold(0, |any, i| any | b.row(i, y, z)[w]);
                         let word = &mut slice.row(p, y)[w];
-                        *word = (*word & !b.voxel_mask(w)) | inside;
+                        *word = (*word & !decided) | inside;
                     }
                 }
             }
@@ -68,7 +72,7 @@ impl LabelVolume {
         if let [label] = labels[..] {
             return Err(ClassifyError::OneLabel { label });
         }
-        let mut out = Self::all_outside(size, labels.len());
+        let mut out = Self::all_outside(size, labels.len(), 0..size[2] + 2);
         let bits = out.codes.count();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {
@@ -90,12 +94,18 @@ impl LabelVolume {
         Ok((out, labels))
     }
 
-    fn all_outside(size: [usize; 3], materials: usize) -> Self {
+    /// Slices of voxels, and the slices of `OUTSIDE` beside them where the volume ends.
+    fn with_ends(slices: Range<usize>, size: [usize; 3]) -> Range<usize> {
+        let start = if slices.start == 1 { 0 } else { slices.start };
+        start..if slices.end == size[2] + 1 { size[2] + 2 } else { slices.end }
+    }
+
+    fn all_outside(size: [usize; 3], materials: usize, slices: Range<usize>) -> Self {
         let bits = (usize::BITS - materials.leading_zeros()) as usize;
-        let mut codes = BitPlanes::new(size, bits);
+        let mut codes = BitPlanes::window(size, bits, slices.clone());
         let padded = codes.padded();
         for p in (0..bits).filter(|p| materials >> p & 1 == 1) {
-            for z in 0..padded[2] {
+            for z in slices.clone() {
                 for y in 0..padded[1] {
                     let words = codes.words();
                     for (w, word) in codes.row_mut(p, y, z).iter_mut().enumerate() {
@@ -110,7 +120,7 @@ impl LabelVolume {
         Self { materials, size, codes }
     }
 
-    /// Voxels per axis.
+    /// Voxels per axis of the whole volume.
     #[must_use]
     pub fn size(&self) -> [usize; 3] {
         self.size
@@ -142,13 +152,14 @@ impl LabelVolume {
         self.material_of_code(code)
     }
 
-    /// Voxels of each material.
+    /// Voxels of each material in the slices that are held.
     #[must_use]
     pub fn counts(&self) -> Vec<u64> {
         use rayon::prelude::*;
         let n = self.materials;
         let zero = || vec![0u64; n];
-        (1..=self.size[2])
+        self.codes
+            .voxel_slices()
             .into_par_iter()
             .fold(zero, |mut sum, z| {
                 for y in 1..=self.size[1] {

@@ -19,17 +19,17 @@ mod thinning;
 use serde::{Deserialize, Serialize};
 
 pub use alpha::alpha;
-pub use ball::Ball;
+pub use ball::{Ball, Dilation};
 pub use bit_planes::{BitPlanes, SliceMut, WORD};
 pub use error::ClassifyError;
 pub use label_volume::LabelVolume;
 pub use pair::{core, junction, pair};
-pub use thinning::{Thinned, thin};
+pub use thinning::{Step, Thinned, Thinning, thin};
 
 use crate::execution::Execution;
 pub use crate::material::MAX_RADIUS;
 use crate::material::MaterialTable;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// Numbers of voxels per material after each pass, and what thinning did.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -87,32 +87,30 @@ pub fn check_radius(radius: [f64; 3]) -> Result<(), ClassifyError> {
     Err(ClassifyError::Radius { radius, limit: MAX_RADIUS })
 }
 
-/// Classifies a volume of `samples` (x fastest) with blur radius `radius` (R, in voxels per axis).
+/// Classifies a volume of which all slices are here, with blur radius `radius` (R, in voxels per axis).
 ///
 /// # Errors
 /// [`ClassifyError::Radius`] for a radius that is not usable, [`ClassifyError::NoCore`] if nothing
 /// is certain, [`ClassifyError::Cancelled`] if asked to stop.
 pub fn classify<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
+    slab: Slab<'_, S>,
     materials: &MaterialTable,
     radius: [f64; 3],
     execution: &Execution,
 ) -> Result<Classification, ClassifyError> {
     check_radius(radius)?;
     let stage = execution.stage("classifying voxels", 4);
-    let alpha = alpha(samples, size, materials);
+    let alpha = alpha(slab, materials);
     stage.advance(1);
     execution.check()?;
-    let mut b = core(&alpha, &Ball::new(radius));
-    let core_counts = b.counts();
+    let slices = alpha.slices();
+    let core = core(&alpha, &Ball::new(radius), slices.clone());
+    let core_counts = core.counts();
     stage.advance(1);
     execution.check()?;
-    pair(samples, &mut b, &alpha, &Ball::new(radius.map(|r| 2.0 * r)), materials);
-    let alpha_counts = alpha.counts();
-    let densest = alpha.count() - 1;
-    let densest_alpha = alpha.plane(densest);
-    drop(alpha);
+    let ball = Ball::new(radius.map(|r| 2.0 * r));
+    let mut b = pair(slab, &core, &alpha, &ball, materials, slices.clone());
+    drop(core);
     let pair_counts = b.counts();
     let junction = junction(&b);
     stage.advance(1);
@@ -120,15 +118,16 @@ pub fn classify<S: Sample>(
     if core_counts.iter().all(|&c| c == 0) {
         return Err(ClassifyError::NoCore { radius });
     }
-    let thinned = thin(samples, &mut b, &junction, materials, radius, execution)?;
+    let thinned = thin(slab, &mut b, &junction, materials, radius, execution)?;
     stage.advance(1);
+    let densest = alpha.count() - 1;
     let counts = ClassifyCounts {
-        alpha: alpha_counts,
+        alpha: alpha.counts(),
         core: core_counts,
         pair: pair_counts,
         junction: junction.counts()[0],
         labelled: b.counts(),
-        densest_kept: densest_alpha.count_common(0, &b, densest),
+        densest_kept: alpha.count_common(densest, &b, densest, slices),
         thinning_rounds: thinned.rounds,
         settling_rounds: thinned.settling_rounds,
         settled: thinned.settled,

@@ -8,7 +8,10 @@
 //! topologically equivalent) take, by the same rule, a material of a voxel in a cell they share.
 //!
 //! Departure: the published loop removes one cell at a time, in an order it does not state.
-//! Halo: one voxel per round.
+//! Halo: one voxel per step. A [`Thinning`] of some slices is right, after k steps, in those at
+//! least k away from a slice that it would need but does not hold.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -16,10 +19,10 @@ use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
 use crate::execution::Execution;
 use crate::material::MaterialTable;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// What thinning did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Thinned {
     /// Rounds in which cells were removed.
     pub rounds: usize,
@@ -27,6 +30,16 @@ pub struct Thinned {
     pub settling_rounds: usize,
     /// Voxels settled that way.
     pub settled: u64,
+}
+
+/// What a step does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// Removes the cells that are removable.
+    Thin,
+    /// Gives the junction voxels that no removable cell reaches to a neighbour's material. Only
+    /// when thinning is at its end in the whole volume, and always followed by thinning.
+    Settle,
 }
 
 /// New members of one word: `bits` of row (y, z) go to plane `class`.
@@ -38,79 +51,132 @@ struct Change {
     bits: u64,
 }
 
-/// Gives every junction voxel (in none of the planes) a material.
+/// Gives every junction voxel (in none of the planes) of a volume a material.
 ///
 /// # Errors
 /// [`ClassifyError::NoCore`] if there is no voxel to start from; `radius` goes into its message.
 /// [`ClassifyError::Cancelled`] if asked to stop.
 pub fn thin<S: Sample>(
-    samples: &[S],
+    slab: Slab<'_, S>,
     b: &mut BitPlanes,
     junction: &BitPlanes,
     materials: &MaterialTable,
     radius: [f64; 3],
     execution: &Execution,
 ) -> Result<Thinned, ClassifyError> {
-    let size = b.padded().map(|n| n - 2);
-    let means: Vec<f32> = materials.materials().iter().map(|m| m.mean as f32).collect();
-    let nearest = |x: usize, y: usize, z: usize, classes: &mut dyn Iterator<Item = usize>| {
-        let v = samples[((z - 1) * size[1] + y - 1) * size[0] + x - 1].to_f32();
-        classes.map(|c| ((v - means[c]).abs(), c)).min_by(|p, q| p.0.total_cmp(&q.0)).map(|(_, c)| c)
-    };
-    let mut open = junction.clone();
-    let is_open = |open: &BitPlanes, (y, z): (usize, usize)| open.row(0, y, z).iter().any(|&w| w != 0);
-    let all_rows = || (1..=size[2]).flat_map(|z| (1..=size[1]).map(move |y| (y, z)));
-    // The rows that a round looks at: where nothing changed nearby in the round before, nothing can
-    // change in this one.
-    let mut rows: Vec<(usize, usize)> = all_rows().filter(|&row| is_open(&open, row)).collect();
-    let rows_per_slice = size[1] + 2;
-    let mut near = vec![false; rows_per_slice * (size[2] + 2)];
-    let mut done = Thinned { rounds: 0, settling_rounds: 0, settled: 0 };
-    let mut settling = false;
+    let all = b.voxel_slices();
+    let mut thinning = Thinning::new(slab, b, junction.clone(), materials);
+    let mut done = Thinned::default();
+    let mut next = Step::Thin;
     loop {
         execution.check()?;
-        let changes: Vec<Change> = rows
+        let changed = thinning.step(next, &all);
+        next = match (changed, next) {
+            (0, _) if thinning.open_in(&all) == 0 => return Ok(done),
+            (0, Step::Thin) => Step::Settle,
+            (0, Step::Settle) => return Err(ClassifyError::NoCore { radius }),
+            (_, Step::Thin) => {
+                done.rounds += 1;
+                Step::Thin
+            }
+            (_, Step::Settle) => {
+                done.settling_rounds += 1;
+                done.settled += changed;
+                // A settled voxel can make cells removable again.
+                Step::Thin
+            }
+        };
+    }
+}
+
+/// The slices of a volume while they are being thinned.
+pub struct Thinning<'a, S> {
+    slab: Slab<'a, S>,
+    means: Vec<f32>,
+    b: &'a mut BitPlanes,
+    open: BitPlanes,
+    /// The rows with open voxels that the next step looks at, or `None` for all: where nothing changed
+    /// nearby in a step, nothing can change in the next one of the same kind.
+    front: Option<Vec<(usize, usize)>>,
+}
+
+impl<'a, S: Sample> Thinning<'a, S> {
+    /// For planes `b` of materials and the voxels `open` that are in none of them, over the same
+    /// slices, of which the slab holds the grey values.
+    pub fn new(slab: Slab<'a, S>, b: &'a mut BitPlanes, open: BitPlanes, materials: &MaterialTable) -> Self {
+        let means = materials.materials().iter().map(|m| m.mean as f32).collect();
+        Self { slab, means, b, open, front: None }
+    }
+
+    /// The number of voxels without a material in the padded slices `slices`.
+    #[must_use]
+    pub fn open_in(&self, slices: &Range<usize>) -> u64 {
+        self.open.counts_in(slices.clone())[0]
+    }
+
+    /// The voxels without a material.
+    #[must_use]
+    pub fn open(&self) -> &BitPlanes {
+        &self.open
+    }
+
+    /// Takes a step; returns how many voxels of the padded slices `core` got a material.
+    pub fn step(&mut self, kind: Step, core: &Range<usize>) -> u64 {
+        let front = match (self.front.take(), kind) {
+            (Some(front), Step::Thin) => front,
+            _ => self.all_rows(),
+        };
+        let (b, open) = (&*self.b, &self.open);
+        let nearest = |x: usize, y: usize, z: usize, classes: &mut dyn Iterator<Item = usize>| {
+            let v = self.slab.grey([x - 1, y - 1, z - 1]);
+            let distances = classes.map(|c| ((v - self.means[c]).abs(), c));
+            distances.min_by(|p, q| p.0.total_cmp(&q.0)).map(|(_, c)| c)
+        };
+        let settling = kind == Step::Settle;
+        let changes: Vec<Change> = front
             .par_iter()
-            .flat_map_iter(|&(y, z)| row_changes(b, &open, y, z, settling, &nearest))
+            .flat_map_iter(|&(y, z)| row_changes(b, open, y, z, settling, &nearest))
             .collect();
-        if changes.is_empty() {
-            rows = all_rows().filter(|&row| is_open(&open, row)).collect();
-            if rows.is_empty() {
-                return Ok(done);
-            }
-            if settling {
-                return Err(ClassifyError::NoCore { radius });
-            }
-            settling = true;
-            continue;
-        }
+        let mut count = 0;
         for c in &changes {
-            b.row_mut(c.class, c.y, c.z)[c.word] |= c.bits;
-            open.row_mut(0, c.y, c.z)[c.word] &= !c.bits;
-            if settling {
-                done.settled += u64::from(c.bits.count_ones());
+            self.b.row_mut(c.class, c.y, c.z)[c.word] |= c.bits;
+            self.open.row_mut(0, c.y, c.z)[c.word] &= !c.bits;
+            if core.contains(&c.z) {
+                count += u64::from(c.bits.count_ones());
             }
         }
-        if settling {
-            done.settling_rounds += 1
-        } else {
-            done.rounds += 1
-        }
-        // A settled voxel can make cells removable again.
-        settling = false;
-        for c in &changes {
-            for z in c.z - 1..=c.z + 1 {
-                near[z * rows_per_slice + c.y - 1..=z * rows_per_slice + c.y + 1].fill(true);
+        self.front = Some(self.rows_near(&changes));
+        count
+    }
+
+    fn is_open(&self, (y, z): (usize, usize)) -> bool {
+        self.open.row(0, y, z).iter().any(|&w| w != 0)
+    }
+
+    fn all_rows(&self) -> Vec<(usize, usize)> {
+        let ys = 1..self.b.padded()[1] - 1;
+        let slices = self.open.voxel_slices();
+        let rows = slices.into_par_iter().flat_map_iter(|z| ys.clone().map(move |y| (y, z)));
+        rows.filter(|&row| self.is_open(row)).collect()
+    }
+
+    /// The rows with open voxels that touch a changed one, in order.
+    fn rows_near(&self, changes: &[Change]) -> Vec<(usize, usize)> {
+        let (rows, slices) = (self.b.padded()[1], self.open.voxel_slices());
+        let mut near = vec![false; rows * slices.len()];
+        for c in changes {
+            for z in (c.z - 1).max(slices.start)..(c.z + 2).min(slices.end) {
+                let first = (z - slices.start) * rows + c.y;
+                near[first - 1..=first + 1].fill(true);
             }
         }
-        rows.clear();
-        for (i, near) in near.iter_mut().enumerate().filter(|(_, near)| **near) {
-            *near = false;
-            let row = (i % rows_per_slice, i / rows_per_slice);
-            if is_open(&open, row) {
-                rows.push(row);
-            }
-        }
+        let place = |(i, _): (usize, &bool)| (i % rows, slices.start + i / rows);
+        near.iter()
+            .enumerate()
+            .filter(|(_, near)| **near)
+            .map(place)
+            .filter(|&row| self.is_open(row))
+            .collect()
     }
 }
 
@@ -177,10 +243,14 @@ fn add_offers(b: &BitPlanes, y: usize, z: usize, w: usize, settling: bool, offer
         if (padded[1] > 3 && !whole(cell_y, padded[1])) || (padded[2] > 3 && !whole(cell_z, padded[2])) {
             continue;
         }
+        let held = b.slices();
         for i in 0..n {
             let rows =
                 [(cell_y, cell_z), (cell_y + 1, cell_z), (cell_y, cell_z + 1), (cell_y + 1, cell_z + 1)];
-            let word = |at: usize| rows.iter().fold(0, |any, &(y, z)| any | b.row(i, y, z)[at]);
+            let word = |at: usize| {
+                let held = rows.iter().filter(|(_, z)| held.contains(z));
+                held.fold(0, |any, &(y, z)| any | b.row(i, y, z)[at])
+            };
             let middle = word(w);
             let before = if w > 0 { word(w - 1) >> 63 } else { 0 };
             let after = if w + 1 < b.words() { word(w + 1) << 63 } else { 0 };
@@ -232,7 +302,9 @@ mod tests {
     fn thinned(rows: &[&str], grey: &[f32]) -> (Vec<String>, Thinned) {
         let table = MaterialTable::new([("air", 0.0), ("al", 10.0), ("fe", 30.0)]).unwrap();
         let (mut b, junction) = planes(rows, 3);
-        let done = thin(grey, &mut b, &junction, &table, [3.0; 3], &Execution::default()).unwrap();
+        let done =
+            thin(Slab::whole(grey, b.size()), &mut b, &junction, &table, [3.0; 3], &Execution::default())
+                .unwrap();
         (text(&b), done)
     }
 
@@ -260,7 +332,14 @@ mod tests {
     fn without_any_certain_voxel_there_is_nothing_to_thin() {
         let table = MaterialTable::new([("air", 0.0), ("al", 10.0)]).unwrap();
         let (mut b, junction) = planes(&["...", "..."], 2);
-        let out = thin(&[0u8; 6], &mut b, &junction, &table, [3.0; 3], &Execution::default());
+        let out = thin(
+            Slab::whole(&[0u8; 6], b.size()),
+            &mut b,
+            &junction,
+            &table,
+            [3.0; 3],
+            &Execution::default(),
+        );
         assert!(matches!(out, Err(ClassifyError::NoCore { .. })));
     }
 }

@@ -10,7 +10,7 @@
 use crate::classify::BitPlanes;
 use crate::grid::MaterialId;
 use crate::material::MaterialTable;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// A crossing keeps this distance from the ends of its edge (in edge lengths), so that crossings
 /// on different edges stay different points and no triangle is degenerate: large against the
@@ -50,22 +50,16 @@ impl CrossingRule for Midpoints {
 /// otherwise the material with the higher id is joined.
 #[derive(Debug, Clone, Copy)]
 pub struct Thresholds<'a, S> {
-    samples: &'a [S],
-    size: [usize; 3],
+    slab: Slab<'a, S>,
     junction: &'a BitPlanes,
     materials: &'a MaterialTable,
 }
 
 impl<'a, S: Sample> Thresholds<'a, S> {
-    /// For a volume of `samples` (x fastest) of which the voxels in `junction` are not credible.
+    /// For a slab of a volume of which the voxels in `junction` are not credible.
     #[must_use]
-    pub fn new(
-        samples: &'a [S],
-        size: [usize; 3],
-        junction: &'a BitPlanes,
-        materials: &'a MaterialTable,
-    ) -> Self {
-        Self { samples, size, junction, materials }
+    pub fn new(slab: Slab<'a, S>, junction: &'a BitPlanes, materials: &'a MaterialTable) -> Self {
+        Self { slab, junction, materials }
     }
 
     /// Grey value above the threshold of `labels`, or `None` where it is not credible.
@@ -73,8 +67,7 @@ impl<'a, S: Sample> Thresholds<'a, S> {
         if self.junction.bit(0, x, y, z) {
             return None;
         }
-        let at = ((z - 1) * self.size[1] + y - 1) * self.size[0] + x - 1;
-        Some(self.samples[at].to_f32() - threshold)
+        Some(self.slab.grey([x - 1, y - 1, z - 1]) - threshold)
     }
 
     fn threshold(&self, labels: [MaterialId; 2]) -> f32 {
@@ -118,7 +111,7 @@ mod tests {
         let samples = [0.0f32, 20.0, 40.0, 12.0, 5.0];
         let mut junction = BitPlanes::new([5, 1, 1], 1);
         let ids = |a, b| [MaterialId(a), MaterialId(b)];
-        let rule = Thresholds::new(&samples, [5, 1, 1], &junction, &materials);
+        let rule = Thresholds::new(Slab::whole(&samples, [5, 1, 1]), &junction, &materials);
         // Samples 0 and 20 as air and iron (t = 20): the clamped end; as air and aluminium (t = 5).
         assert_eq!(rule.position([1, 1, 1], 0, ids(0, 2)), 1.0 - CROSSING_MARGIN);
         assert_eq!(rule.position([1, 1, 1], 0, ids(0, 1)), 0.25);
@@ -127,7 +120,7 @@ mod tests {
         // Labels that contradict the grey values.
         assert_eq!(rule.position([3, 1, 1], 0, ids(1, 2)), 0.5);
         junction.row_mut(0, 1, 1)[0] |= 1 << 1;
-        let rule = Thresholds::new(&samples, [5, 1, 1], &junction, &materials);
+        let rule = Thresholds::new(Slab::whole(&samples, [5, 1, 1]), &junction, &materials);
         assert_eq!(rule.position([1, 1, 1], 0, ids(0, 1)), 0.5);
     }
 }
