@@ -9,7 +9,9 @@ mod error;
 pub mod marching;
 mod patch;
 pub mod pattern;
+mod piece;
 
 pub use crossing::{CROSSING_MARGIN, CrossingRule, Midpoints, Thresholds};
 pub use error::ContourError;
 pub use patch::{Border, Patch};
+pub use piece::Piece;
