@@ -73,7 +73,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         drop(last.take());
         let mut clock = Clock::start();
         let mut laps = [0.0; 7];
-        let planes = alpha(slab, &table);
+        let planes = alpha(slab, &table, 1..size[2] + 1);
         laps[0] = clock.lap();
         let certain = core(&planes, &Ball::new(RADIUS), planes.slices());
         laps[1] = clock.lap();

@@ -1,19 +1,23 @@
 //! First pass: the class alpha of a voxel, from its grey value alone (Fujimori and Suzuki, table 1).
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 use super::bit_planes::{BitPlanes, WORD};
 use crate::material::MaterialTable;
 use crate::volume::{Sample, Slab};
 
 /// One plane per material: the voxels whose grey value lies between the thresholds to the
-/// neighbouring materials, `t_(i-1)i <= v < t_i(i+1)`. The planes hold the slices of the slab.
+/// neighbouring materials, `t_(i-1)i <= v < t_i(i+1)`. For the padded slices `slices`, which the slab
+/// must hold.
 #[must_use]
-pub fn alpha<S: Sample>(slab: Slab<'_, S>, materials: &MaterialTable) -> BitPlanes {
+pub fn alpha<S: Sample>(slab: Slab<'_, S>, materials: &MaterialTable, slices: Range<usize>) -> BitPlanes {
     let n = materials.count();
     let ids = materials.materials();
     let thresholds: Vec<f32> = ids.windows(2).map(|w| materials.threshold(w[0].id, w[1].id) as f32).collect();
     let size = slab.size();
-    let held = slab.slices();
-    let mut planes = BitPlanes::window(size, n, held.start + 1..held.end + 1);
+    let mut planes = BitPlanes::window(size, n, slices);
     planes.fill_slices(|z, mut slice| {
         for y in 1..=size[1] {
             let row = slab.row(y - 1, z - 1);
@@ -31,6 +35,29 @@ pub fn alpha<S: Sample>(slab: Slab<'_, S>, materials: &MaterialTable) -> BitPlan
         }
     });
     planes
+}
+
+/// How many voxels of the padded slices `slices` are of the densest material both in `b` and by grey
+/// value alone.
+#[must_use]
+pub(super) fn count_densest_kept<S: Sample>(
+    slab: Slab<'_, S>,
+    b: &BitPlanes,
+    materials: &MaterialTable,
+    slices: Range<usize>,
+) -> u64 {
+    let n = b.count();
+    let [.., below, densest] = materials.materials() else { return 0 };
+    let threshold = materials.threshold(below.id, densest.id) as f32;
+    let row = |y: usize, z: usize| {
+        let samples = slab.row(y - 1, z - 1);
+        let members = b.row(n - 1, y, z).iter().enumerate().filter(|(_, word)| **word != 0);
+        members
+            .map(|(w, word)| u64::from((word & at_least_word(samples, w, threshold)).count_ones()))
+            .sum::<u64>()
+    };
+    let ys = 1..b.padded()[1] - 1;
+    slices.into_par_iter().map(|z| ys.clone().map(|y| row(y, z)).sum::<u64>()).sum()
 }
 
 /// Sets bit x + 1 where `row[x] >= threshold`.
@@ -77,7 +104,7 @@ mod tests {
         for nx in [1usize, 62, 63, 64, 129] {
             let size = [nx, 2, 2];
             let samples: Vec<i16> = (0..nx * 4).map(|i| (i * 7 % 41) as i16 - 3).collect();
-            let planes = alpha(Slab::whole(&samples, size), &table);
+            let planes = alpha(Slab::whole(&samples, size), &table, 1..3);
             for (i, &v) in samples.iter().enumerate() {
                 let (x, y, z) = (i % nx + 1, i / nx % 2 + 1, i / nx / 2 + 1);
                 let class = if v < 5 {

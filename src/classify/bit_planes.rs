@@ -146,6 +146,15 @@ impl BitPlanes {
         &self.data[(slices.start - self.first) * words..(slices.end - self.first) * words]
     }
 
+    /// The words of a slice of all planes, to be changed.
+    ///
+    /// # Panics
+    /// If it is not held.
+    pub fn slice_mut(&mut self, z: usize) -> &mut [u64] {
+        let words = self.slice_words();
+        &mut self.data[(z - self.first) * words..(z + 1 - self.first) * words]
+    }
+
     /// The same planes with other slices: those held by both are kept, the others are empty.
     #[must_use]
     pub fn moved(mut self, slices: Range<usize>) -> Self {

@@ -3,9 +3,11 @@
 use thiserror::Error;
 
 use crate::execution::Cancelled;
+use crate::volume::VolumeError;
 
 /// Why a volume cannot be classified.
-#[derive(Debug, Error, Clone, PartialEq)]
+#[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum ClassifyError {
     /// No voxel is surrounded by its own material.
     #[error(
@@ -40,6 +42,17 @@ pub enum ClassifyError {
     OneLabel {
         /// The label.
         label: f64,
+    },
+    /// The volume could not be read.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// The scratch file for labels failed.
+    #[error(
+        "cannot keep labels aside in a scratch file beside the result: {source}; make room there, choose another --out, or allow more --memory"
+    )]
+    Scratch {
+        /// What the system says.
+        source: std::io::Error,
     },
     /// Stopped from outside.
     #[error(transparent)]

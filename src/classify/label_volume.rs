@@ -100,6 +100,57 @@ impl LabelVolume {
         start..if slices.end == size[2] + 1 { size[2] + 2 } else { slices.end }
     }
 
+    /// Labels of the padded slices `slices` of which none is known yet: all have the code of `OUTSIDE`.
+    #[must_use]
+    pub fn undecided(size: [usize; 3], materials: usize, slices: Range<usize>) -> Self {
+        Self::all_outside(size, materials, slices)
+    }
+
+    /// Takes over the padded slices `slices` of `other`, a part of the same volume.
+    ///
+    /// # Panics
+    /// If one of the two does not hold them.
+    pub fn set_slices(&mut self, other: &Self, slices: Range<usize>) {
+        self.codes.set_slices(slices.start, other.codes.slice_data(slices));
+    }
+
+    /// The words of all code planes of a slice, to be changed.
+    pub(super) fn slice_mut(&mut self, z: usize) -> &mut [u64] {
+        self.codes.slice_mut(z)
+    }
+
+    /// The inverse of [`LabelVolume::from_planes`] for the padded slices `slices`: one plane per
+    /// material, and one of the voxels that are not decided.
+    ///
+    /// # Panics
+    /// If the slices are not held.
+    #[must_use]
+    pub fn to_planes(&self, slices: Range<usize>) -> (BitPlanes, BitPlanes) {
+        let n = self.materials;
+        let mut b = BitPlanes::window(self.size, n, slices.clone());
+        let mut open = BitPlanes::window(self.size, 1, slices);
+        let member = |code: usize, y: usize, z: usize, w: usize| {
+            (0..self.codes.count()).fold(self.codes.voxel_mask(w), |m, p| {
+                let word = self.codes.row(p, y, z)[w];
+                m & if code >> p & 1 == 1 { word } else { !word }
+            })
+        };
+        let words = self.codes.words();
+        b.fill_slices(|z, mut slice| {
+            for y in 1..=self.size[1] {
+                for i in 0..n {
+                    (0..words).for_each(|w| slice.row(i, y)[w] = member(i, y, z, w));
+                }
+            }
+        });
+        open.fill_slices(|z, mut slice| {
+            for y in 1..=self.size[1] {
+                (0..words).for_each(|w| slice.row(0, y)[w] = member(n, y, z, w));
+            }
+        });
+        (b, open)
+    }
+
     fn all_outside(size: [usize; 3], materials: usize, slices: Range<usize>) -> Self {
         let bits = (usize::BITS - materials.leading_zeros()) as usize;
         let mut codes = BitPlanes::window(size, bits, slices.clone());

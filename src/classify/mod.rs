@@ -12,18 +12,26 @@ mod alpha;
 mod ball;
 mod bit_planes;
 mod error;
+mod label_store;
 mod label_volume;
 mod pair;
+mod passes;
+mod sweeps;
 mod thinning;
 
 use serde::{Deserialize, Serialize};
+
+use alpha::count_densest_kept;
 
 pub use alpha::alpha;
 pub use ball::{Ball, Dilation};
 pub use bit_planes::{BitPlanes, SliceMut, WORD};
 pub use error::ClassifyError;
+pub use label_store::{LabelStore, Stored};
 pub use label_volume::LabelVolume;
 pub use pair::{core, junction, pair};
+pub use passes::{Decided, Passes};
+pub use sweeps::{Classified, SlabPlan, classify_slabs};
 pub use thinning::{Step, Thinned, Thinning, thin};
 
 use crate::execution::Execution;
@@ -55,6 +63,28 @@ pub struct ClassifyCounts {
 }
 
 impl ClassifyCounts {
+    /// Nothing counted yet, for `materials` materials.
+    fn zero(materials: usize) -> Self {
+        let none = || vec![0; materials];
+        Self {
+            alpha: none(),
+            core: none(),
+            pair: none(),
+            junction: 0,
+            labelled: none(),
+            densest_kept: 0,
+            thinning_rounds: 0,
+            settling_rounds: 0,
+            settled: 0,
+        }
+    }
+
+    fn add_thinned(&mut self, thinned: &Thinned) {
+        self.thinning_rounds += thinned.rounds;
+        self.settling_rounds += thinned.settling_rounds;
+        self.settled += thinned.settled;
+    }
+
     /// The share of the densest material's voxels by grey value that it still has in the end. What
     /// is missing went to other materials because its parts are thin. Of the other materials this
     /// would say nothing: their grey range holds blurred interfaces between their neighbours, too.
@@ -99,38 +129,27 @@ pub fn classify<S: Sample>(
     execution: &Execution,
 ) -> Result<Classification, ClassifyError> {
     check_radius(radius)?;
-    let stage = execution.stage("classifying voxels", 4);
-    let alpha = alpha(slab, materials);
+    let stage = execution.stage("classifying voxels", 2);
+    let all = 1..slab.size()[2] + 1;
+    let decided = Passes::new(slab.size(), materials, radius).decide(slab, all.clone());
     stage.advance(1);
     execution.check()?;
-    let slices = alpha.slices();
-    let core = core(&alpha, &Ball::new(radius), slices.clone());
-    let core_counts = core.counts();
-    stage.advance(1);
-    execution.check()?;
-    let ball = Ball::new(radius.map(|r| 2.0 * r));
-    let mut b = pair(slab, &core, &alpha, &ball, materials, slices.clone());
-    drop(core);
-    let pair_counts = b.counts();
-    let junction = junction(&b);
-    stage.advance(1);
-    execution.check()?;
-    if core_counts.iter().all(|&c| c == 0) {
+    if decided.core.iter().all(|&c| c == 0) {
         return Err(ClassifyError::NoCore { radius });
     }
+    let Decided { mut b, junction, alpha, core } = decided;
+    let pair = b.counts();
     let thinned = thin(slab, &mut b, &junction, materials, radius, execution)?;
     stage.advance(1);
-    let densest = alpha.count() - 1;
-    let counts = ClassifyCounts {
-        alpha: alpha.counts(),
-        core: core_counts,
-        pair: pair_counts,
+    let mut counts = ClassifyCounts {
+        alpha,
+        core,
+        pair,
         junction: junction.counts()[0],
         labelled: b.counts(),
-        densest_kept: alpha.count_common(densest, &b, densest, slices),
-        thinning_rounds: thinned.rounds,
-        settling_rounds: thinned.settling_rounds,
-        settled: thinned.settled,
+        densest_kept: count_densest_kept(slab, &b, materials, all),
+        ..ClassifyCounts::zero(0)
     };
+    counts.add_thinned(&thinned);
     Ok(Classification { labels: LabelVolume::from_planes(&b), junction, counts })
 }

@@ -114,10 +114,10 @@ impl<'a, S: Sample> Thinning<'a, S> {
         self.open.counts_in(slices.clone())[0]
     }
 
-    /// The voxels without a material.
+    /// Whether further steps of the same kind can change nothing.
     #[must_use]
-    pub fn open(&self) -> &BitPlanes {
-        &self.open
+    pub fn at_rest(&self) -> bool {
+        self.front.as_ref().is_some_and(Vec::is_empty)
     }
 
     /// Takes a step; returns how many voxels of the padded slices `core` got a material.

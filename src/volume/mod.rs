@@ -32,5 +32,5 @@ pub use raw::RawLayout;
 pub use region::RegionOfInterest;
 pub use respaced::Respaced;
 pub use samples::{Sample, SampleType, Samples};
-pub use slab::Slab;
+pub use slab::{Slab, SlabSource};
 pub use source::{MemorySource, VolumeSource};
