@@ -61,7 +61,9 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let execution = Execution::new(progress::for_terminal());
     interrupt::install(execution.cancel_flag());
-    match cli.run(&execution) {
+    let outcome = cli.run(&execution);
+    execution.plan(&[]);
+    match outcome {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {}", failure::message(&error));

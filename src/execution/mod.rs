@@ -1,10 +1,11 @@
-//! How a run is carried out, apart from what it computes: progress and cancellation.
+//! How a run is carried out, apart from what it computes: progress, cancellation, memory.
 //!
 //! Nothing here changes a result. Threads are those of the current rayon pool: a caller that wants
 //! a certain number of them runs the pipeline inside `ThreadPool::install`; the library never
 //! builds or configures a global pool.
 
 mod cost;
+mod memory;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,9 +13,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use thiserror::Error;
 
 pub use cost::{CostLog, StageCost, peak_memory};
+pub use memory::available_memory;
 
 /// Receives the progress of a run. Calls may come from any thread.
 pub trait Progress: Send + Sync {
+    /// What is to come: each stage in order, with its share of the run's time as far as it can be
+    /// guessed. A stage may be missing or repeated in the end. An empty plan: the run is over.
+    fn plan(&self, _stages: &[(&str, f64)]) {}
     /// A stage starts that will take `steps` steps (0: unknown).
     fn begin(&self, stage: &str, steps: u64);
     /// `steps` more steps of the current stage are done.
@@ -38,11 +43,13 @@ impl Progress for Silent {
 #[error("interrupted before it was done; nothing unfinished was left behind")]
 pub struct Cancelled;
 
-/// Execution options: a progress sink and a cancellation flag, passed into every long stage.
+/// Execution options: a progress sink, a cancellation flag, a memory budget; passed into every long
+/// stage.
 #[derive(Clone)]
 pub struct Execution {
     progress: Arc<dyn Progress>,
     cancel: Arc<AtomicBool>,
+    memory: Option<u64>,
 }
 
 impl Default for Execution {
@@ -55,7 +62,26 @@ impl Execution {
     /// An execution that reports to `progress`.
     #[must_use]
     pub fn new(progress: Arc<dyn Progress>) -> Self {
-        Self { progress, cancel: Arc::new(AtomicBool::new(false)) }
+        Self { progress, cancel: Arc::new(AtomicBool::new(false)), memory: None }
+    }
+
+    /// The same execution with a budget of memory, in bytes. Without one, a run takes what it needs to be
+    /// fast: the whole volume at once.
+    #[must_use]
+    pub fn with_memory(mut self, bytes: u64) -> Self {
+        self.memory = Some(bytes);
+        self
+    }
+
+    /// The memory that the run may take, in bytes; `None`: any.
+    #[must_use]
+    pub fn memory(&self) -> Option<u64> {
+        self.memory
+    }
+
+    /// Announces what is to come; see [`Progress::plan`].
+    pub fn plan(&self, stages: &[(&str, f64)]) {
+        self.progress.plan(stages);
     }
 
     /// The flag to set (from a signal handler, say) to stop the run.
