@@ -24,30 +24,32 @@ pub fn core(alpha: &BitPlanes, ball: &Ball, slices: Range<usize>) -> BitPlanes {
     let (size, n, words) = (alpha.size(), alpha.count(), alpha.words());
     let near = Dilation::new(alpha, ball);
     let mut core = BitPlanes::window(size, n, slices);
+    let arch = pulp::Arch::new();
     core.fill_slices(|z, mut slice| {
+        let all = vec![u64::MAX; words];
         let mut seen = vec![0; words];
-        let mut scratch = vec![0; words];
         // Classes seen at all, and classes seen at least twice, in the ball.
         let mut one = vec![0; words];
         let mut two = vec![0; words];
-        for y in 1..=size[1] {
-            one.fill(0);
-            two.fill(0);
-            for i in 0..n {
-                if near.row(i, y, z, &mut seen, &mut scratch) {
+        arch.dispatch(|| {
+            for y in 1..=size[1] {
+                one.fill(0);
+                two.fill(0);
+                for i in 0..n {
+                    near.row(i, y, z, &all, &mut seen);
                     for ((one, two), seen) in one.iter_mut().zip(&mut two).zip(&seen) {
                         *two |= *one & seen;
                         *one |= seen;
                     }
                 }
-            }
-            for i in 0..n {
-                let own = alpha.row(i, y, z);
-                for ((out, own), two) in slice.row(i, y).iter_mut().zip(own).zip(&two) {
-                    *out = own & !two;
+                for i in 0..n {
+                    let own = alpha.row(i, y, z);
+                    for ((out, own), two) in slice.row(i, y).iter_mut().zip(own).zip(&two) {
+                        *out = own & !two;
+                    }
                 }
             }
-        }
+        });
     });
     core
 }
@@ -65,61 +67,78 @@ pub fn pair<S: Sample>(
 ) -> BitPlanes {
     let (size, n, words) = (alpha.size(), alpha.count(), alpha.words());
     let (near_b, near_alpha) = (Dilation::new(core, ball), Dilation::new(alpha, ball));
-    let threshold = |i: usize, j: usize| materials.threshold(MaterialId(i as u8), MaterialId(j as u8)) as f32;
     let masks: Vec<u64> = (0..words).map(|w| alpha.voxel_mask(w)).collect();
+    // All (k1, k2), and the threshold between them.
+    let pairs: Vec<(usize, usize, f32)> = (0..n)
+        .flat_map(|i| (i + 1..n).map(move |j| (i, j)))
+        .map(|(i, j)| (i, j, materials.threshold(MaterialId(i as u8), MaterialId(j as u8)) as f32))
+        .collect();
     let mut b = BitPlanes::window(size, n, slices);
+    let arch = pulp::Arch::new();
     b.fill_slices(|z, mut slice| {
+        let empty = || vec![0u64; words];
+        let (mut open, mut wanted, mut exactly_two) = (empty(), empty(), empty());
         let mut seen_b = vec![0u64; n * words];
         let mut seen_alpha = vec![0u64; n * words];
-        let mut scratch = vec![0u64; words];
-        let mut open = vec![0u64; words];
-        for y in 1..=size[1] {
-            open.copy_from_slice(&masks);
-            for i in 0..n {
-                let certain = core.row(i, y, z);
-                slice.row(i, y).copy_from_slice(certain);
-                open.iter_mut().zip(certain).for_each(|(open, certain)| *open &= !certain);
-            }
-            if open.iter().all(|&w| w == 0) {
-                continue;
-            }
-            for (i, (b, alpha)) in seen_b.chunks_mut(words).zip(seen_alpha.chunks_mut(words)).enumerate() {
-                near_b.row(i, y, z, b, &mut scratch);
-                near_alpha.row(i, y, z, alpha, &mut scratch);
-            }
-            let row = slab.row(y - 1, z - 1);
-            for (w, &open) in open.iter().enumerate().filter(|(_, open)| **open != 0) {
-                let seen_b = |i: usize| seen_b[i * words + w];
-                let seen_alpha = |i: usize| seen_alpha[i * words + w];
-                let (mut one, mut two, mut three) = (0, 0, 0);
+        arch.dispatch(|| {
+            for y in 1..=size[1] {
+                open.copy_from_slice(&masks);
                 for i in 0..n {
-                    three |= two & seen_b(i);
-                    two |= one & seen_b(i);
-                    one |= seen_b(i);
+                    let certain = core.row(i, y, z);
+                    slice.row(i, y).copy_from_slice(certain);
+                    open.iter_mut().zip(certain).for_each(|(open, certain)| *open &= !certain);
                 }
-                let exactly_two = open & two & !three;
-                let mut lower = 0; // alpha classes below k1
-                for k1 in 0..n - 1 {
-                    let with_first = exactly_two & seen_b(k1) & !lower;
-                    lower |= seen_alpha(k1);
-                    if with_first == 0 {
-                        continue;
+                if open.iter().all(|&w| w == 0) {
+                    continue;
+                }
+                for (i, seen) in seen_b.chunks_mut(words).enumerate() {
+                    near_b.row(i, y, z, &open, seen);
+                }
+                for (w, exact) in exactly_two.iter_mut().enumerate() {
+                    let (mut one, mut two, mut three) = (0, 0, 0);
+                    for seen in seen_b.chunks(words).map(|seen| seen[w]) {
+                        three |= two & seen;
+                        two |= one & seen;
+                        one |= seen;
                     }
-                    let mut higher = 0; // alpha classes above k2
-                    for k2 in (k1 + 1..n).rev() {
-                        let here = with_first & seen_b(k2) & !higher;
-                        higher |= seen_alpha(k2);
+                    *exact = open[w] & two & !three;
+                }
+                for j in 0..n {
+                    // Of class j it matters only where it lies outside of k1..=k2.
+                    let (below, above) = seen_b.split_at(j * words);
+                    for (w, wanted) in wanted.iter_mut().enumerate() {
+                        let lower = twice(below.chunks(words).map(|seen| seen[w]));
+                        let higher = twice(above.chunks(words).skip(1).map(|seen| seen[w]));
+                        *wanted = exactly_two[w] & (lower | higher);
+                    }
+                    let seen = &mut seen_alpha[j * words..(j + 1) * words];
+                    near_alpha.row(j, y, z, &wanted, seen);
+                    // Elsewhere it was not asked for.
+                    seen.iter_mut().zip(&wanted).for_each(|(seen, wanted)| *seen &= wanted);
+                }
+                let row = slab.row(y - 1, z - 1);
+                for w in (0..words).filter(|&w| exactly_two[w] != 0) {
+                    let strange = seen_alpha.chunks(words).fold(0, |any, seen| any | seen[w]);
+                    let plain = exactly_two[w] & !strange;
+                    for &(k1, k2, threshold) in &pairs {
+                        let here = plain & seen_b[k1 * words + w] & seen_b[k2 * words + w];
                         if here != 0 {
-                            let above = at_least_word(row, w, threshold(k1, k2));
+                            let above = at_least_word(row, w, threshold);
                             slice.row(k1, y)[w] |= here & !above;
                             slice.row(k2, y)[w] |= here & above;
                         }
                     }
                 }
             }
-        }
+        });
     });
     b
+}
+
+/// The bits that are set in at least two of the words.
+#[inline(always)]
+fn twice(words: impl Iterator<Item = u64>) -> u64 {
+    words.fold((0, 0), |(one, two), word| (one | word, two | one & word)).1
 }
 
 /// The voxels that are in none of the planes `b`.
