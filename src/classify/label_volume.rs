@@ -44,6 +44,13 @@ impl LabelVolume {
         out
     }
 
+    /// The same labels with the padded slices `slices` only: those that are held are kept, others are
+    /// code 0.
+    #[must_use]
+    pub fn window(&self, slices: Range<usize>) -> Self {
+        Self { codes: self.codes.clone().moved(slices), ..*self }
+    }
+
     /// From a volume that is already segmented. Returns the labels that occur, ascending: the label
     /// at position i became material i.
     ///

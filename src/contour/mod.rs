@@ -2,7 +2,7 @@
 //!
 //! [`pattern`] says what the surface inside a cell looks like for every way in which its corners
 //! can share materials; [`CrossingRule`] says where on a cell edge an interface lies;
-//! [`marching`] walks the cells. See `docs/contouring.md`.
+//! [`marching`] walks the cells, all at once or piece by piece; [`merge`] puts [`Piece`]s together. See `docs/contouring.md`.
 
 mod crossing;
 mod error;
@@ -14,4 +14,4 @@ mod piece;
 pub use crossing::{CROSSING_MARGIN, CrossingRule, Midpoints, Thresholds};
 pub use error::ContourError;
 pub use patch::{Border, Patch};
-pub use piece::Piece;
+pub use piece::{Piece, SeamKey, merge};

@@ -17,7 +17,7 @@ pub enum Border {
 }
 
 /// Labelled triangles in lattice units: the centre of voxel (x, y, z) is at (x, y, z).
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Patch {
     /// Vertex positions, lattice units.
     pub positions: Vec<[f32; 3]>,

@@ -1,7 +1,12 @@
-//! A run of layers' share of the surface: what one slab contributes, ready to be merged.
+//! A run of layers' share of the surface: what one slab contributes, and how the shares are put together.
 
+use std::fmt;
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
+use super::error::ContourError;
+use super::marching::{check_triangles, check_vertices};
 use super::patch::Patch;
 
 /// The surface in a run of layers of cells; see `docs/scale.md`.
@@ -10,7 +15,7 @@ use super::patch::Patch;
 /// the plane where the next piece begins, which that piece owns. Triangles name both by their place in
 /// the patch. If global numbers are given to pieces one after the other, local vertex i of a piece that
 /// begins at f is global vertex f + i, the seam above included.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Piece {
     /// The layers, by the padded z of their lower plane.
     pub layers: Range<usize>,
@@ -25,4 +30,131 @@ pub struct Piece {
     pub seam_below: Vec<u64>,
     /// Integer keys of the vertices behind the owned ones.
     pub seam_above: Vec<u64>,
+}
+
+impl Piece {
+    /// Puts the piece of the next layers on top: its seam below must be this one's seam above, by keys,
+    /// positions and kinds. If it is refused, this piece stays as it was.
+    ///
+    /// # Errors
+    /// [`ContourError`] says what does not fit, or that there would be more vertices or triangles than
+    /// can be numbered.
+    pub fn append(&mut self, next: Self) -> Result<(), ContourError> {
+        self.check()?;
+        next.check()?;
+        let layer = self.layers.end;
+        if next.layers.start != layer {
+            return Err(ContourError::PiecesApart { end: layer, start: next.layers.start });
+        }
+        if self.seam_above != next.seam_below {
+            let differ = |(a, b): &(&u64, &u64)| a != b;
+            let at = self.seam_above.iter().zip(&next.seam_below).position(|pair| differ(&pair));
+            let at = at.unwrap_or(self.seam_above.len().min(next.seam_below.len()));
+            let key = |seam: &[u64]| seam.get(at).map(|&key| SeamKey(key));
+            let (below, above) = (key(&self.seam_above), key(&next.seam_below));
+            return Err(ContourError::SeamDiffers { layer, below, above });
+        }
+        let (mine, theirs) = (&self.patch, &next.patch);
+        for (i, &key) in self.seam_above.iter().enumerate() {
+            let bits = |patch: &Patch, v: usize| (patch.positions[v].map(f32::to_bits), patch.kinds[v]);
+            if bits(mine, self.owned + i) != bits(theirs, i) {
+                return Err(ContourError::SeamMoved { layer, key: SeamKey(key) });
+            }
+        }
+        check_vertices((self.owned + theirs.positions.len()) as u64)?;
+        check_triangles((mine.triangles.len() + theirs.triangles.len()) as u64)?;
+
+        let first = [self.owned, mine.triangles.len()];
+        let offset = self.owned as u32;
+        let patch = &mut self.patch;
+        patch.positions.truncate(self.owned);
+        patch.positions.extend(next.patch.positions);
+        patch.kinds.truncate(self.owned);
+        patch.kinds.extend(next.patch.kinds);
+        patch.triangles.extend(next.patch.triangles.into_iter().map(|t| t.map(|v| v + offset)));
+        patch.pairs.extend(next.patch.pairs);
+        if !next.layers.is_empty() {
+            self.last_layer = [0, 1].map(|i| first[i] + next.last_layer[i]);
+        }
+        if self.layers.is_empty() {
+            self.seam_below = next.seam_below;
+        }
+        self.owned += next.owned;
+        self.layers.end = next.layers.end;
+        self.seam_above = next.seam_above;
+        Ok(())
+    }
+
+    /// Refuses a piece whose parts do not belong together, as a damaged file may hold.
+    fn check(&self) -> Result<(), ContourError> {
+        let patch = &self.patch;
+        let vertices = patch.positions.len();
+        let fits = self.owned.checked_add(self.seam_above.len()) == Some(vertices)
+            && patch.kinds.len() == vertices
+            && patch.pairs.len() == patch.triangles.len()
+            && self.seam_below.len() <= vertices
+            && self.last_layer[0] <= self.owned
+            && self.last_layer[1] <= patch.triangles.len()
+            && patch.triangles.iter().flatten().all(|&v| (v as usize) < vertices);
+        if fits { Ok(()) } else { Err(ContourError::BrokenPiece { layer: self.layers.start }) }
+    }
+}
+
+/// Merges pieces, given in order of their layers. The patch of the pieces of all layers is the whole
+/// surface; with some layers missing at an end, it has an open edge there.
+///
+/// # Errors
+/// As [`Piece::append`].
+pub fn merge(pieces: impl IntoIterator<Item = Piece>) -> Result<Piece, ContourError> {
+    let mut pieces = pieces.into_iter();
+    let mut merged = pieces.next().unwrap_or_default();
+    pieces.try_for_each(|piece| merged.append(piece))?;
+    Ok(merged)
+}
+
+/// Integer key of a vertex on a plane of the padded lattice: its kind, and the lowest lattice point of
+/// its edge or face, z above y above x.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SeamKey(pub u64);
+
+impl SeamKey {
+    /// A crossing of an edge along x.
+    pub const X_EDGE: u64 = 0;
+    /// A crossing of an edge along y.
+    pub const Y_EDGE: u64 = 1;
+    /// A node of a face across z.
+    pub const Z_FACE: u64 = 2;
+    /// Bits of a coordinate: padded ones go up to 2^15 + 1.
+    const BITS: u32 = 16;
+
+    /// The key of the vertex of this kind at a point of the padded lattice.
+    #[must_use]
+    pub fn new(kind: u64, low: [usize; 3]) -> Self {
+        Self(low.iter().rev().fold(kind, |key, &c| key << Self::BITS | (c as u64 & 0xFFFF)))
+    }
+
+    /// Its kind.
+    #[must_use]
+    pub fn kind(self) -> u64 {
+        self.0 >> (3 * Self::BITS)
+    }
+
+    /// The lowest point of its edge or face in the padded lattice.
+    #[must_use]
+    pub fn low(self) -> [usize; 3] {
+        [0, 1, 2].map(|a| (self.0 >> (a * Self::BITS) & 0xFFFF) as usize)
+    }
+}
+
+impl fmt::Display for SeamKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let what = match self.kind() {
+            Self::X_EDGE => "the x edge",
+            Self::Y_EDGE => "the y edge",
+            Self::Z_FACE => "the z face",
+            _ => "an unknown thing",
+        };
+        let [x, y, z] = self.low();
+        write!(f, "{what} at ({x}, {y}, {z}) of the padded lattice")
+    }
 }

@@ -2,44 +2,33 @@
 
 use crate::classify::LabelVolume;
 use crate::contour::crossing::CrossingRule;
-use crate::contour::pattern::{Apex, CellSurface, PatternTable};
-use crate::grid::cube::{CORNERS, EDGES, corner_offset, edge_axis, edge_corners, face_ring};
-use crate::grid::{MaterialId, VertexKind};
+use crate::contour::pattern::{Apex, CellSurface, CellTriangle, PatternTable};
+use crate::grid::cube::{CORNERS, EDGES, FACES, corner_offset, edge_axis, edge_corners, face_ring};
+use crate::grid::{MaterialId, Pair, VertexKind};
 
-use super::super::patch::Border;
+use super::corners::Corners;
+use crate::contour::patch::Border;
 
 /// A cell, by its lowest point of the padded lattice, and the material of each corner.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cell {
     pub(super) low: [usize; 3],
     pub(super) labels: [MaterialId; CORNERS],
-    /// Corners that differ from corner 0, if there are just two materials.
-    two_materials: Option<u8>,
 }
 
 impl Cell {
-    pub(super) fn new(labels: &LabelVolume, low: [usize; 3]) -> Self {
-        let codes = labels.codes();
-        let [x, y, z] = low;
-        let mut corner_codes = [0u8; CORNERS];
-        let mut differ = 0u8;
-        let mut two = true;
-        for p in 0..codes.count() {
-            let mask = codes.two_bits(p, x, y, z)
-                | codes.two_bits(p, x, y + 1, z) << 2
-                | codes.two_bits(p, x, y, z + 1) << 4
-                | codes.two_bits(p, x, y + 1, z + 1) << 6;
-            for (c, code) in corner_codes.iter_mut().enumerate() {
-                *code |= (mask >> c & 1) << p;
-            }
-            let d = if mask & 1 == 1 { !mask } else { mask };
-            if d != 0 {
-                two &= differ == 0 || differ == d;
-                differ |= d;
-            }
+    pub(super) fn new(labels: &LabelVolume, low: [usize; 3], corners: Corners) -> Self {
+        let materials = std::array::from_fn(|c| labels.material_of_code(corners.code(c)));
+        Self { low, labels: materials }
+    }
+
+    /// A cell of which only lower face 2 · `axis` is known; at the other corners is `OUTSIDE`.
+    pub(super) fn of_face(labels: &LabelVolume, low: [usize; 3], axis: usize) -> Self {
+        let mut cell = Self { low, labels: [MaterialId::OUTSIDE; CORNERS] };
+        for c in face_ring(2 * axis) {
+            cell.labels[c] = labels.at(cell.corner(c));
         }
-        let labels = corner_codes.map(|code| labels.material_of_code(code));
-        Self { low, labels, two_materials: two.then_some(differ) }
+        cell
     }
 
     /// Corner `c` of the cell in the padded lattice.
@@ -48,27 +37,27 @@ impl Cell {
         std::array::from_fn(|a| self.low[a] + offset[a])
     }
 
-    /// Whether the cell reaches beyond the volume.
-    pub(super) fn is_border(&self) -> bool {
-        self.labels.contains(&MaterialId::OUTSIDE)
-    }
-
-    /// The partition of the corners, and its entry in the table.
-    pub(super) fn entry<C: CrossingRule>(&self, table: &PatternTable, rule: &C) -> (usize, usize) {
-        let partition = match self.two_materials {
-            Some(mask) => table.partitions().index_of_mask(mask),
-            None => table.partitions().index(&self.labels),
-        };
+    /// The table's entry for a cell with the corner partition `partition`.
+    pub(super) fn entry<C: CrossingRule>(&self, table: &PatternTable, rule: &C, partition: usize) -> usize {
         let faces = table.ambiguous_faces(partition);
         let mut join_first = 0;
-        if faces != 0 {
-            for f in (0..6).filter(|f| faces >> f & 1 == 1) {
-                let ring = face_ring(f);
-                let labels = [self.labels[ring[0]], self.labels[ring[1]]];
-                join_first |= u8::from(rule.joins_first(ring.map(|c| self.corner(c)), labels)) << f;
-            }
+        for f in (0..FACES).filter(|f| faces >> f & 1 == 1) {
+            let ring = face_ring(f);
+            let labels = [self.labels[ring[0]], self.labels[ring[1]]];
+            join_first |= u8::from(rule.joins_first(ring.map(|c| self.corner(c)), labels)) << f;
         }
-        (partition, table.entry(partition, join_first))
+        table.entry(partition, join_first)
+    }
+
+    /// The materials behind and ahead of a triangle.
+    pub(super) fn sides(&self, triangle: &CellTriangle) -> [MaterialId; 2] {
+        [triangle.behind, triangle.ahead].map(|c| self.labels[usize::from(c)])
+    }
+
+    /// Of the cell edges in `crossings`, those that triangles refer to.
+    pub(super) fn needed(&self, crossings: u16, border: Border) -> u16 {
+        let is_needed = |e: &usize| pair_of(edge_corners(*e).map(|c| self.labels[c]), border).is_some();
+        (0..EDGES).filter(|e| crossings >> e & 1 == 1).filter(is_needed).fold(0, |set, e| set | 1 << e)
     }
 
     /// Position of the crossing on edge `e`, in units of the cell.
@@ -128,7 +117,7 @@ impl Cell {
                 }
                 Apex::Sheet { face_nodes, .. } => {
                     let mut at = mean(
-                        &mut (0..6).filter(|f| face_nodes >> f & 1 == 1).map(|f| self.face_node(rule, f)),
+                        &mut (0..FACES).filter(|f| face_nodes >> f & 1 == 1).map(|f| self.face_node(rule, f)),
                     );
                     if let Some(axis) = self.border_axis() {
                         at[axis] = 0.5;
@@ -181,4 +170,14 @@ pub(super) fn crossing_position<C: CrossingRule>(
     labels: [MaterialId; 2],
 ) -> f32 {
     if labels.contains(&MaterialId::OUTSIDE) { 0.5 } else { rule.position(from, axis, labels) }
+}
+
+/// The pair of a triangle with these materials behind and ahead and whether it must be turned over to
+/// face its front, or `None` where no triangle is made: between air and `OUTSIDE`, and, with an open
+/// border, anything and `OUTSIDE`.
+pub(super) fn pair_of([behind, ahead]: [MaterialId; 2], border: Border) -> Option<(Pair, bool)> {
+    let pair = Pair::new(behind, ahead)?;
+    let dropped = pair.front() == MaterialId::OUTSIDE
+        && (border == Border::Open || pair.back() == MaterialId::BACKGROUND);
+    (!dropped).then_some((pair, pair.back() != behind))
 }

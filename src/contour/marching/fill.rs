@@ -1,159 +1,285 @@
 //! Second pass over a layer: its vertices and triangles, written to their place.
 
-use crate::classify::LabelVolume;
+use super::Job;
+use super::bit_rows::{BitRows, set_bits};
+use super::cell::{Cell, crossing_position, pair_of};
+use super::code_rows::CodeRow;
+use super::corners::{Corners, visit_cells};
+use super::count::LayerCount;
+use super::lattice::{Between, Layer, Plane};
 use crate::contour::crossing::CrossingRule;
-use crate::contour::patch::Border;
-use crate::contour::pattern::PatternTable;
+use crate::contour::pattern::{CELL_VERTICES, PackedEntry};
 use crate::grid::cube::{EDGES, FACES, face_ring};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
-use super::cell::{Cell, crossing_position};
-use super::count::{LayerCount, pair_of};
-use super::edge_rows::LayerEdges;
-
 /// A layer's share of the output.
 pub(super) struct LayerSlices<'a> {
+    /// Number of its first vertex. Those of the layer above follow its own.
     pub(super) first_vertex: u32,
-    pub(super) positions: &'a mut [[f32; 3]],
-    pub(super) kinds: &'a mut [VertexKind],
+    pub(super) vertices: VertexSlices<'a>,
     pub(super) triangles: &'a mut [[u32; 3]],
     pub(super) pairs: &'a mut [Pair],
 }
 
-/// Numbers of the first vertex of each group that a layer owns.
-struct Firsts {
-    /// Crossings along x, y, z.
-    crossings: [u32; 3],
-    /// Nodes of lower x, y, z faces.
-    nodes: [u32; 3],
-    apexes: u32,
+/// Vertices to be written.
+pub(super) struct VertexSlices<'a> {
+    pub(super) positions: &'a mut [[f32; 3]],
+    pub(super) kinds: &'a mut [VertexKind],
 }
 
-impl Firsts {
-    fn new(first: u32, count: &LayerCount) -> Self {
-        let mut next = first;
-        let mut take = |n: u32| {
-            let at = next;
-            next += n;
-            at
-        };
-        let crossings = count.crossings.map(&mut take);
-        let nodes = [0, 1, 2].map(|a| take(count.face_nodes[a].len() as u32));
-        Self { crossings, nodes, apexes: take(count.apexes) }
-    }
-}
-
-/// Fills the output of layer `z`; `above` is the next layer's count and first vertex.
+/// Fills the output of a layer.
 pub(super) fn fill_layer<C: CrossingRule>(
-    labels: &LabelVolume,
-    rule: &C,
-    border: Border,
-    z: usize,
+    job: &Job<'_, C>,
+    layer: Layer<'_>,
     count: &LayerCount,
-    above: Option<(&LayerCount, u32)>,
-    out: LayerSlices<'_>,
+    mut out: LayerSlices<'_>,
 ) {
-    let table = PatternTable::get();
-    let edges = LayerEdges::new(labels, z, border);
-    let first = out.first_vertex;
-    let here = Firsts::new(first, count);
-    let above = above.map(|(count, first)| (count, Firsts::new(first, count)));
-    let mut vertices = Vertices { first, positions: out.positions, kinds: out.kinds };
-
-    for (axis, rows) in [&edges.plane[0][0], &edges.plane[0][1], &edges.up].into_iter().enumerate() {
-        for (i, (x, y)) in rows.iter().enumerate() {
-            let from = [x, y, z];
-            let mut to = from;
-            to[axis] += 1;
-            let ends = [labels.at(from), labels.at(to)];
-            let mut at = [0.0; 3];
-            at[axis] = crossing_position(rule, from, axis, ends);
-            let outside = ends.contains(&MaterialId::OUTSIDE);
-            vertices.put(here.crossings[axis] + i as u32, from, at, VertexKind::new(2, outside));
-        }
-    }
-
-    let row = labels.codes().padded()[0];
-    let node = |cell: &Cell, f: usize| -> u32 {
-        // A face's node is owned by the cell above it along the face's axis.
-        let mut low = cell.low;
-        low[f / 2] += f & 1;
-        let key = (low[1] * row + low[0]) as u32;
-        let (nodes, first) = match (&above, f) {
-            (Some((count, firsts)), 5) => (&count.face_nodes[2], firsts.nodes[2]),
-            _ => (&count.face_nodes[f / 2], here.nodes[f / 2]),
-        };
-        first + nodes.binary_search(&key).unwrap_or(0) as u32
+    let mut next = 0;
+    put_plane(job, layer.lower, &mut out.vertices, &mut next);
+    put_between(job, layer.between, &mut out.vertices, &mut next);
+    let mut cells = CellWriter {
+        job,
+        apex: next,
+        first_vertex: out.first_vertex,
+        vertices: out.vertices,
+        triangles: out.triangles,
+        pairs: out.pairs,
+        next_triangle: 0,
     };
+    let mut entries = count.entries.iter();
+    let mut active = Vec::new();
+    let z = layer.lower.z;
+    let above = out.first_vertex + count.vertices as u32;
+    for y in 0..job.labels.codes().padded()[1] - 1 {
+        layer.active(y, &mut active);
+        let mut numbers = RowNumbers::new(layer, y, out.first_vertex, above);
+        visit_cells(job.labels, [y, z], &active, |x, corners| {
+            if let Some(&entry) = entries.next() {
+                cells.put([x, y, z], corners, usize::from(entry), &mut numbers);
+            }
+        });
+    }
+    debug_assert_eq!(cells.next_triangle, count.triangles);
+    debug_assert_eq!(cells.apex, count.vertices);
+}
 
-    let mut ids = [0u32; EDGES + FACES];
-    let (mut next_triangle, mut next_apex) = (0, here.apexes);
-    let mut next_node = here.nodes;
-    for active in &count.cells {
-        let (x, y) = (usize::from(active.x), usize::from(active.y));
-        let cell = Cell::new(labels, [x, y, z]);
-        let surface = table.surface(usize::from(active.entry));
-        let mut crossed = surface.crossings;
-        while crossed != 0 {
-            let e = crossed.trailing_zeros() as usize;
-            crossed &= crossed - 1;
-            let (low, high) = (e & 1, e >> 1 & 1);
-            ids[e] = match e / 4 {
-                2 => here.crossings[2] + edges.up.rank(x + low, y + high),
-                axis => {
-                    let firsts = if high == 1 { above.as_ref().map_or(&here, |a| &a.1) } else { &here };
-                    let (dx, dy) = if axis == 0 { (0, low) } else { (low, 0) };
-                    firsts.crossings[axis] + edges.plane[high][axis].rank(x + dx, y + dy)
-                }
-            };
-        }
-        let apex = next_apex;
-        if !surface.apexes.is_empty() {
-            let positions = cell.apexes(rule, surface);
-            for (at, &corners) in positions.into_iter().zip(&surface.apex_corners) {
-                let kind = cell.kind((0..8).filter(|c| corners >> c & 1 == 1), border);
-                vertices.put(next_apex, cell.low, at, kind);
-                next_apex += 1;
+/// Writes the vertices in a plane from `next` on.
+pub(super) fn put_plane<C: CrossingRule>(
+    job: &Job<'_, C>,
+    plane: &Plane,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
+    for (axis, edges) in plane.edges.iter().enumerate() {
+        put_crossings(job, edges, axis, plane.z, out, next);
+    }
+    put_nodes(job, &plane.nodes, 2, plane.z, out, next);
+}
+
+/// Writes the vertices between two planes from `next` on.
+fn put_between<C: CrossingRule>(
+    job: &Job<'_, C>,
+    between: &Between,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
+    put_crossings(job, &between.edges, 2, between.z, out, next);
+    for (axis, nodes) in between.nodes.iter().enumerate() {
+        put_nodes(job, nodes, axis, between.z, out, next);
+    }
+}
+
+/// Writes the crossings of edges along `axis` with lower ends in plane `z`.
+fn put_crossings<C: CrossingRule>(
+    job: &Job<'_, C>,
+    edges: &BitRows,
+    axis: usize,
+    z: usize,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
+    let end = *next + edges.total() as usize;
+    let mut places = out.positions[*next..end].iter_mut().zip(&mut out.kinds[*next..end]);
+    *next = end;
+    for y in edges.filled_rows() {
+        let here = CodeRow::new(job.labels, y, z);
+        let there = match axis {
+            0 => here,
+            1 => CodeRow::new(job.labels, y + 1, z),
+            _ => CodeRow::new(job.labels, y, z + 1),
+        };
+        for (w, &word) in edges.row(y).iter().enumerate() {
+            for (bit, (position, kind)) in set_bits(word).zip(&mut places) {
+                let from = [64 * w + bit, y, z];
+                let to = if axis == 0 { there.next_code(w, bit) } else { there.code(w, bit) };
+                let ends = [here.code(w, bit), to].map(|code| job.labels.material_of_code(code));
+                let mut offset = [0.0; 3];
+                offset[axis] = crossing_position(job.rule, from, axis, ends);
+                *position = place(from, offset);
+                *kind = VertexKind::new(2, ends.contains(&MaterialId::OUTSIDE));
             }
-            let nodes = surface.triangles.iter().flat_map(|t| t.vertices).filter(|v| (12..18).contains(v));
-            for f in nodes.map(|v| usize::from(v) - EDGES).collect::<std::collections::BTreeSet<_>>() {
-                ids[EDGES + f] = node(&cell, f);
-                if f & 1 == 0 {
-                    let kind = cell.kind(face_ring(f), border);
-                    vertices.put(ids[EDGES + f], cell.low, cell.face_node(rule, f), kind);
-                    next_node[f / 2] += 1;
-                }
-            }
-        }
-        for t in &surface.triangles {
-            let Some((pair, turn)) = pair_of(&cell, t, border) else { continue };
-            let [a, b, c] = t.vertices.map(|v| match usize::from(v).checked_sub(EDGES + FACES) {
-                Some(i) => apex + i as u32,
-                None => ids[usize::from(v)],
-            });
-            out.triangles[next_triangle] = if turn { [a, c, b] } else { [a, b, c] };
-            out.pairs[next_triangle] = pair;
-            next_triangle += 1;
         }
     }
-    debug_assert_eq!(next_triangle, count.triangles);
-    debug_assert_eq!(next_apex, here.apexes + count.apexes);
-    debug_assert!((0..3).all(|a| next_node[a] == here.nodes[a] + count.face_nodes[a].len() as u32));
 }
 
-/// The vertices of a layer.
-struct Vertices<'a> {
-    first: u32,
-    positions: &'a mut [[f32; 3]],
-    kinds: &'a mut [VertexKind],
+/// Writes the nodes of faces across `axis` whose lowest corner lies in plane `z`.
+fn put_nodes<C: CrossingRule>(
+    job: &Job<'_, C>,
+    faces: &BitRows,
+    axis: usize,
+    z: usize,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
+    for (x, y) in faces.iter() {
+        let cell = Cell::of_face(job.labels, [x, y, z], axis);
+        out.positions[*next] = place(cell.low, cell.face_node(job.rule, 2 * axis));
+        out.kinds[*next] = cell.kind(face_ring(2 * axis), job.border);
+        *next += 1;
+    }
 }
 
-impl Vertices<'_> {
-    /// Writes vertex `id` at padded point `low` plus `offset`.
-    fn put(&mut self, id: u32, low: [usize; 3], offset: [f32; 3], kind: VertexKind) {
-        let i = (id - self.first) as usize;
-        // The padded lattice begins one voxel before the volume.
-        self.positions[i] = std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a]);
-        self.kinds[i] = kind;
+/// Position in lattice units of what lies `offset` from padded point `low`.
+fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
+    // The padded lattice begins one voxel before the volume.
+    std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a])
+}
+
+/// Numbers of the vertices around the next active cell of a row of cells. They are carried along: the
+/// cells between two active ones touch no vertex.
+struct RowNumbers {
+    /// Crossings of x edges, in the order of a cell's edges.
+    x: [u32; 4],
+    /// Crossings of y edges in the lower and in the upper plane.
+    y: [u32; 2],
+    /// Crossings of z edges in row y and in row y + 1.
+    z: [u32; 2],
+    /// Nodes of x faces; of y faces in row y and in row y + 1; of z faces in the lower and in the upper
+    /// plane.
+    nodes: [u32; 5],
+}
+
+impl RowNumbers {
+    /// For row `y` of a layer; `first` and `above` are the first vertices of this layer and the next.
+    fn new(layer: Layer<'_>, y: usize, first: u32, above: u32) -> Self {
+        let (lower, between, upper) = (layer.lower, layer.between, layer.upper);
+        // Where the groups of vertices begin.
+        let in_plane = |plane: &Plane, first: u32| {
+            let y_edges = first + plane.edges[0].total();
+            [first, y_edges, y_edges + plane.edges[1].total()]
+        };
+        let (low, up) = (in_plane(lower, first), in_plane(upper, above));
+        let z_edges = first + lower.vertices();
+        let x_nodes = z_edges + between.edges.total();
+        let y_nodes = x_nodes + between.nodes[0].total();
+        let x_edges = |plane: &Plane, first: u32| [y, y + 1].map(|y| first + plane.edges[0].first(y));
+        let ([a, b], [c, d]) = (x_edges(lower, low[0]), x_edges(upper, up[0]));
+        Self {
+            x: [a, b, c, d],
+            y: [low[1] + lower.edges[1].first(y), up[1] + upper.edges[1].first(y)],
+            z: [y, y + 1].map(|y| z_edges + between.edges.first(y)),
+            nodes: [
+                x_nodes + between.nodes[0].first(y),
+                y_nodes + between.nodes[1].first(y),
+                y_nodes + between.nodes[1].first(y + 1),
+                low[2] + lower.nodes.first(y),
+                up[2] + upper.nodes.first(y),
+            ],
+        }
+    }
+
+    /// Writes the numbers of a cell's crossings and face nodes, and moves on to the next cell. Numbers
+    /// for edges and faces without a vertex mean nothing.
+    fn take(&mut self, crossings: u16, star_faces: u8, ids: &mut [u32; CELL_VERTICES]) {
+        let crossed = |e: usize| u32::from(crossings >> e & 1);
+        for k in 0..4 {
+            ids[k] = self.x[k];
+            self.x[k] += crossed(k);
+        }
+        for k in 0..2 {
+            // What lies at the cell's upper x is the next cell's at its lower x.
+            ids[4 + 2 * k] = self.y[k];
+            self.y[k] += crossed(4 + 2 * k);
+            ids[5 + 2 * k] = self.y[k];
+            ids[8 + 2 * k] = self.z[k];
+            self.z[k] += crossed(8 + 2 * k);
+            ids[9 + 2 * k] = self.z[k];
+        }
+        if star_faces != 0 {
+            let has_node = |f: usize| u32::from(star_faces >> f & 1);
+            ids[EDGES] = self.nodes[0];
+            self.nodes[0] += has_node(0);
+            ids[EDGES + 1] = self.nodes[0];
+            for f in 2..FACES {
+                ids[EDGES + f] = self.nodes[f - 1];
+                self.nodes[f - 1] += has_node(f);
+            }
+        }
+    }
+}
+
+/// Writes what is inside cells.
+struct CellWriter<'a, 'b, C> {
+    job: &'a Job<'a, C>,
+    first_vertex: u32,
+    vertices: VertexSlices<'b>,
+    triangles: &'b mut [[u32; 3]],
+    pairs: &'b mut [Pair],
+    /// Place of the next apex among the layer's vertices.
+    apex: usize,
+    next_triangle: usize,
+}
+
+impl<C: CrossingRule> CellWriter<'_, '_, C> {
+    fn put(&mut self, low: [usize; 3], corners: Corners, entry: usize, numbers: &mut RowNumbers) {
+        let summary = self.job.table.packed().entry(entry);
+        let mut ids = [0; CELL_VERTICES];
+        if summary.two_materials && summary.apexes == 0 {
+            numbers.take(summary.crossings, 0, &mut ids);
+            self.put_two_materials(corners, &summary, &ids);
+            return;
+        }
+        let cell = Cell::new(self.job.labels, low, corners);
+        let crossings = cell.needed(summary.crossings, self.job.border);
+        numbers.take(crossings, summary.star_faces, &mut ids);
+        self.put_apexes(&cell, entry, &mut ids);
+        if summary.two_materials {
+            self.put_two_materials(corners, &summary, &ids);
+            return;
+        }
+        for t in self.job.table.packed().triangles(&summary) {
+            if let Some((pair, turn)) = pair_of(cell.sides(t), self.job.border) {
+                let [a, b, c] = t.vertices.map(|v| ids[usize::from(v) % CELL_VERTICES]);
+                self.triangles[self.next_triangle] = if turn { [a, c, b] } else { [a, b, c] };
+                self.pairs[self.next_triangle] = pair;
+                self.next_triangle += 1;
+            }
+        }
+    }
+
+    /// The triangles of a cell with two materials: all have the same pair.
+    fn put_two_materials(&mut self, corners: Corners, summary: &PackedEntry, ids: &[u32; CELL_VERTICES]) {
+        let other = corners.differing().0.trailing_zeros() as usize;
+        let sides = [corners.code(0), corners.code(other)].map(|c| self.job.labels.material_of_code(c));
+        let Some((pair, turn)) = pair_of(sides, self.job.border) else { return };
+        let from = self.next_triangle;
+        self.next_triangle += usize::from(summary.triangles);
+        self.pairs[from..self.next_triangle].fill(pair);
+        let triangles = self.job.table.packed().triangles(summary);
+        for (out, t) in self.triangles[from..self.next_triangle].iter_mut().zip(triangles) {
+            let [a, b, c] = t.vertices.map(|v| ids[usize::from(v) % CELL_VERTICES]);
+            *out = if turn { [a, c, b] } else { [a, b, c] };
+        }
+    }
+
+    fn put_apexes(&mut self, cell: &Cell, entry: usize, ids: &mut [u32; CELL_VERTICES]) {
+        let surface = self.job.table.surface(entry);
+        let positions = cell.apexes(self.job.rule, surface);
+        for (i, (at, &corners)) in positions.into_iter().zip(&surface.apex_corners).enumerate() {
+            ids[EDGES + FACES + i] = self.first_vertex + self.apex as u32;
+            self.vertices.positions[self.apex] = place(cell.low, at);
+            self.vertices.kinds[self.apex] = cell.kind(set_bits(u64::from(corners)), self.job.border);
+            self.apex += 1;
+        }
     }
 }

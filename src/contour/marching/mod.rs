@@ -1,30 +1,52 @@
 //! Generalized, non-binary marching cubes (Fujimori and Suzuki §4, after Hege et al. 1997).
 //!
-//! The padded lattice is walked in *layers* of cells. A layer owns the crossings on the x and y
-//! edges of its lower plane and on its z edges, the nodes of the faces whose lower cell lies in it,
-//! and the apexes inside its cells. Counting comes first (`count.rs`), then one prefix sum gives
-//! every layer its place in the output, then the layers are filled (`fill.rs`): the same mesh for
-//! any number of threads. Work follows the surface: rows of cells are looked at 64 at a time, and
-//! only cells with a crossing one by one.
+//! The padded lattice is walked in *layers* of cells. A layer owns the vertices in its lower plane
+//! (crossings of x and y edges, nodes of z faces), those up to its upper plane (crossings of z edges,
+//! nodes of x and y faces), and the apexes inside its cells, numbered in this order. Counting comes
+//! first (`count.rs`), then sums give every layer its place in the output, then the layers are filled
+//! (`fill.rs`): the same mesh for any number of threads. Work follows the surface: 64 edges are
+//! compared at a time, and only cells with a crossing are looked at one by one.
 //!
 //! Guarantees and their proofs: `docs/contouring.md`. Halo: one voxel.
 
+mod bit_rows;
 mod cell;
+mod code_rows;
+mod corners;
 mod count;
-mod edge_rows;
 mod fill;
+mod lattice;
+mod pieces;
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::crossing::CrossingRule;
 use super::error::ContourError;
 use super::patch::{Border, Patch};
+use super::pattern::PatternTable;
 use crate::classify::LabelVolume;
-use crate::execution::Execution;
+use crate::execution::{Execution, Stage};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
+pub use pieces::march_pieces;
+
 use count::LayerCount;
-use fill::LayerSlices;
+use fill::{LayerSlices, VertexSlices, fill_layer};
+use lattice::{Between, Layer, Plane};
+
+/// Layers that a thread takes at a time: the plane between two of them is looked at once.
+const RUN: usize = 4;
+
+/// What to contour, and how.
+struct Job<'a, C> {
+    labels: &'a LabelVolume,
+    rule: &'a C,
+    border: Border,
+    table: &'static PatternTable,
+    execution: &'a Execution,
+}
 
 /// Extracts the interfaces of a labelled volume.
 ///
@@ -37,60 +59,116 @@ pub fn march<C: CrossingRule>(
     border: Border,
     execution: &Execution,
 ) -> Result<Patch, ContourError> {
-    let layers = labels.codes().padded()[2] - 1;
-    let stage = execution.stage("contouring", 2 * layers as u64);
-    let counts: Vec<LayerCount> = (0..layers)
-        .into_par_iter()
-        .map(|z| {
-            execution.check()?;
-            let count = LayerCount::new(labels, rule, border, z);
-            stage.advance(1);
-            Ok(count)
-        })
-        .collect::<Result<_, ContourError>>()?;
-    let vertices: u64 = counts.iter().map(LayerCount::vertices).sum();
-    // PLY indices are signed; better refused now than after all the work.
-    let limit = u64::from(i32::MAX.unsigned_abs());
-    if vertices > limit {
-        return Err(ContourError::TooManyVertices { vertices, limit });
-    }
-    let triangles: usize = counts.iter().map(|c| c.triangles).sum();
-    let limit = u64::from(u32::MAX);
-    if triangles as u64 > limit {
-        return Err(ContourError::TooManyTriangles { triangles: triangles as u64, limit });
-    }
-    let any_pair = Pair::new(MaterialId(1), MaterialId::BACKGROUND);
-    let mut patch = Patch {
-        positions: vec![[0.0; 3]; vertices as usize],
-        kinds: vec![VertexKind::Interface; vertices as usize],
-        triangles: vec![[0; 3]; triangles],
-        pairs: any_pair.map_or_else(Vec::new, |pair| vec![pair; triangles]),
-    };
-    let mut slices = Vec::with_capacity(layers);
-    {
-        let (mut positions, mut kinds) = (&mut patch.positions[..], &mut patch.kinds[..]);
-        let (mut tris, mut pairs) = (&mut patch.triangles[..], &mut patch.pairs[..]);
-        let mut first_vertex = 0;
-        for count in &counts {
-            let v = count.vertices() as usize;
-            slices.push(LayerSlices {
-                first_vertex,
-                positions: positions.split_off_mut(..v).unwrap_or_default(),
-                kinds: kinds.split_off_mut(..v).unwrap_or_default(),
-                triangles: tris.split_off_mut(..count.triangles).unwrap_or_default(),
-                pairs: pairs.split_off_mut(..count.triangles).unwrap_or_default(),
-            });
-            first_vertex += v as u32;
-        }
-    }
-    let firsts: Vec<u32> = slices.iter().map(|s| s.first_vertex).collect();
-    slices.into_par_iter().enumerate().try_for_each(|(z, out)| {
-        execution.check()?;
-        let above = counts.get(z + 1).zip(firsts.get(z + 1).copied());
-        fill::fill_layer(labels, rule, border, z, &counts[z], above, out);
-        stage.advance(1);
-        Ok::<(), ContourError>(())
-    })?;
+    let layers = 0..labels.codes().padded()[2] - 1;
+    let stage = execution.stage("contouring", 2 * layers.len() as u64);
+    let job = Job { labels, rule, border, table: PatternTable::get(), execution };
+    let counts = job.count(layers.clone(), &stage)?;
+    let patch = job.fill(layers.start, &counts, 0, &stage)?;
     drop(stage);
     Ok(patch)
+}
+
+impl<C: CrossingRule> Job<'_, C> {
+    /// Counts what layers will write.
+    fn count(&self, layers: Range<usize>, stage: &Stage<'_>) -> Result<Vec<LayerCount>, ContourError> {
+        let runs: Vec<Range<usize>> =
+            layers.clone().step_by(RUN).map(|z| z..(z + RUN).min(layers.end)).collect();
+        let counted = runs.into_par_iter().map(|run| {
+            let mut counts = Vec::with_capacity(run.len());
+            self.walk(run, stage, |layer| counts.push(LayerCount::new(self, layer)))?;
+            Ok(counts)
+        });
+        Ok(counted.collect::<Result<Vec<_>, ContourError>>()?.into_iter().flatten().collect())
+    }
+
+    /// Makes the vertices and triangles of the counted layers, which begin at layer `first`, and leaves
+    /// room for `more` vertices behind them.
+    fn fill(
+        &self,
+        first: usize,
+        counts: &[LayerCount],
+        more: usize,
+        stage: &Stage<'_>,
+    ) -> Result<Patch, ContourError> {
+        let vertices = counts.iter().map(|c| c.vertices).sum::<usize>() + more;
+        check_vertices(vertices as u64)?;
+        let triangles: usize = counts.iter().map(|c| c.triangles).sum();
+        check_triangles(triangles as u64)?;
+        let any_pair = Pair::new(MaterialId(1), MaterialId::BACKGROUND);
+        let mut patch = Patch {
+            positions: vec![[0.0; 3]; vertices],
+            kinds: vec![VertexKind::Interface; vertices],
+            triangles: vec![[0; 3]; triangles],
+            pairs: any_pair.map_or_else(Vec::new, |pair| vec![pair; triangles]),
+        };
+        let mut rest = LayerSlices {
+            first_vertex: 0,
+            vertices: VertexSlices { positions: &mut patch.positions, kinds: &mut patch.kinds },
+            triangles: &mut patch.triangles,
+            pairs: &mut patch.pairs,
+        };
+        let runs: Vec<_> = counts
+            .chunks(RUN)
+            .map(|run| (run, run.iter().map(|c| rest.split(c)).collect::<Vec<_>>()))
+            .collect();
+        runs.into_par_iter().enumerate().try_for_each(|(i, (counts, slices))| {
+            let start = first + i * RUN;
+            let mut each = counts.iter().zip(slices);
+            self.walk(start..start + counts.len(), stage, |layer| {
+                if let Some((count, out)) = each.next() {
+                    fill_layer(self, layer, count, out);
+                }
+            })
+        })?;
+        Ok(patch)
+    }
+
+    /// Visits layers in order.
+    fn walk(
+        &self,
+        layers: Range<usize>,
+        stage: &Stage<'_>,
+        mut visit: impl FnMut(Layer<'_>),
+    ) -> Result<(), ContourError> {
+        let mut lower = Plane::new(self.labels, self.border, layers.start);
+        for z in layers {
+            self.execution.check()?;
+            let upper = Plane::new(self.labels, self.border, z + 1);
+            let between = Between::new(self.labels, self.border, z);
+            visit(Layer { lower: &lower, between: &between, upper: &upper });
+            lower = upper;
+            stage.advance(1);
+        }
+        Ok(())
+    }
+}
+
+impl<'a> LayerSlices<'a> {
+    /// Takes off what the next layer will write.
+    fn split(&mut self, count: &LayerCount) -> Self {
+        let first_vertex = self.first_vertex;
+        self.first_vertex += count.vertices as u32;
+        Self {
+            first_vertex,
+            vertices: VertexSlices {
+                positions: self.vertices.positions.split_off_mut(..count.vertices).unwrap_or_default(),
+                kinds: self.vertices.kinds.split_off_mut(..count.vertices).unwrap_or_default(),
+            },
+            triangles: self.triangles.split_off_mut(..count.triangles).unwrap_or_default(),
+            pairs: self.pairs.split_off_mut(..count.triangles).unwrap_or_default(),
+        }
+    }
+}
+
+/// Refuses more vertices than can be numbered.
+pub(super) fn check_vertices(vertices: u64) -> Result<(), ContourError> {
+    // PLY indices are signed; better refused now than after all the work.
+    let limit = u64::from(i32::MAX.unsigned_abs());
+    if vertices > limit { Err(ContourError::TooManyVertices { vertices, limit }) } else { Ok(()) }
+}
+
+/// Refuses more triangles than can be numbered.
+pub(super) fn check_triangles(triangles: u64) -> Result<(), ContourError> {
+    let limit = u64::from(u32::MAX);
+    if triangles > limit { Err(ContourError::TooManyTriangles { triangles, limit }) } else { Ok(()) }
 }

@@ -3,12 +3,14 @@
 
 mod curve_graph;
 mod face;
+mod packed;
 mod partition;
 mod surface;
 mod table;
 
 pub use curve_graph::{DirectedCurve, Disc, FACE_NODE, Node, Sheet, sheets};
 pub use face::{FaceCurves, curves, is_ambiguous, outward_ring, ring_edges};
+pub use packed::{CELL_VERTICES, Packed, PackedEntry};
 pub use partition::{Classes, PARTITIONS, Partitions};
 pub use surface::{Apex, CellSurface, CellTriangle};
 pub use table::{ENTRIES, PatternTable};

@@ -3,6 +3,7 @@
 use std::sync::LazyLock;
 
 use super::face::{FaceCurves, curves, is_ambiguous};
+use super::packed::Packed;
 use super::partition::{PARTITIONS, Partitions};
 use super::surface::{CellSurface, cell_surface};
 use crate::grid::cube::FACES;
@@ -21,6 +22,7 @@ pub struct PatternTable {
     /// Faces with a node (three or four materials in a star), as a bit set.
     star_faces: Vec<u8>,
     surfaces: Vec<CellSurface>,
+    packed: Packed,
 }
 
 impl PatternTable {
@@ -49,7 +51,8 @@ impl PatternTable {
                 surfaces.push(cell_surface(classes, spread(code, faces)));
             }
         }
-        Self { partitions, first, ambiguous, star_faces, surfaces }
+        let packed = Packed::new(&partitions, &first, &ambiguous, &star_faces, &surfaces);
+        Self { partitions, first, ambiguous, star_faces, surfaces, packed }
     }
 
     /// The corner partitions that the entries belong to.
@@ -81,6 +84,12 @@ impl PatternTable {
     #[must_use]
     pub fn surface(&self, entry: usize) -> &CellSurface {
         &self.surfaces[entry]
+    }
+
+    /// The same entries in flat arrays.
+    #[must_use]
+    pub fn packed(&self) -> &Packed {
+        &self.packed
     }
 
     /// Number of entries.

@@ -1,0 +1,79 @@
+//! Crossed edges, or faces with a node, of one kind in one plane or layer: a bit for each, and their
+//! numbers.
+
+/// Bits in rows; set bits are numbered in row-major order.
+#[derive(Debug)]
+pub(super) struct BitRows {
+    words: usize,
+    bits: Vec<u64>,
+    /// Number of the first set bit of each row, and behind the last row the number of all.
+    firsts: Vec<u32>,
+}
+
+impl BitRows {
+    /// `rows` rows of `words` words; `fill(y, row)` writes row y, which is empty before.
+    pub(super) fn new(words: usize, rows: usize, fill: impl Fn(usize, &mut [u64])) -> Self {
+        let mut bits = vec![0; words * rows];
+        let mut firsts = Vec::with_capacity(rows + 1);
+        let mut total = 0;
+        for (y, row) in bits.chunks_mut(words.max(1)).enumerate() {
+            firsts.push(total);
+            fill(y, row);
+            total += row.iter().map(|w| w.count_ones()).sum::<u32>();
+        }
+        firsts.resize(rows + 1, total);
+        Self { words, bits, firsts }
+    }
+
+    /// Number of set bits.
+    pub(super) fn total(&self) -> u32 {
+        self.firsts.last().copied().unwrap_or(0)
+    }
+
+    /// Number of the first set bit of row `y`, or of what would follow the last row.
+    pub(super) fn first(&self, y: usize) -> u32 {
+        self.firsts[y]
+    }
+
+    /// The words of row `y`.
+    pub(super) fn row(&self, y: usize) -> &[u64] {
+        &self.bits[y * self.words..(y + 1) * self.words]
+    }
+
+    /// The rows that have a set bit.
+    pub(super) fn filled_rows(&self) -> impl Iterator<Item = usize> {
+        self.firsts.windows(2).enumerate().filter(|(_, f)| f[0] != f[1]).map(|(y, _)| y)
+    }
+
+    /// All set bits (x, y) in order of their number.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.filled_rows().flat_map(move |y| {
+            let words = self.row(y).iter().enumerate();
+            words.flat_map(move |(w, &word)| set_bits(word).map(move |bit| (64 * w + bit, y)))
+        })
+    }
+}
+
+/// The positions of the set bits of a word, ascending.
+pub(super) fn set_bits(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = word.trailing_zeros() as usize;
+        let some = word != 0;
+        word &= word.wrapping_sub(1);
+        some.then_some(bit)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_bits_are_numbered_row_by_row() {
+        let words = [[0, 1 << 63], [0, 0], [0b1010, 1]];
+        let rows = BitRows::new(2, 3, |y, row| row.copy_from_slice(&words[y]));
+        assert_eq!(rows.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (3, 2), (64, 2)]);
+        assert_eq!([0, 1, 2, 3].map(|y| rows.first(y)), [0, 1, 1, 4]);
+        assert_eq!((rows.total(), rows.filled_rows().collect::<Vec<_>>()), (4, vec![0, 2]));
+    }
+}

@@ -1,0 +1,72 @@
+//! The code bits at a cell's corners, and the walk over the cells of a row that have a crossing.
+
+use super::bit_rows::set_bits;
+use super::code_rows::{CodeRow, MAX_PLANES};
+use crate::classify::{LabelVolume, WORD};
+
+/// Cells in a half word: the corners of so many lie in a window of one word.
+const HALF: usize = WORD / 2;
+
+/// The codes at a cell's corners: bit c of byte p is bit p of the code at corner c.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Corners {
+    bits: [u8; MAX_PLANES],
+    planes: usize,
+}
+
+impl Corners {
+    /// The code at corner `c`.
+    pub(super) fn code(&self, c: usize) -> u8 {
+        (0..self.planes).fold(0, |code, p| code | (self.bits[p] >> c & 1) << p)
+    }
+
+    /// The corners whose code differs from that of corner 0, as a bit set, and whether they all
+    /// have the same one.
+    pub(super) fn differing(&self) -> (u8, bool) {
+        let (mut differ, mut two) = (0u8, true);
+        for &bits in &self.bits[..self.planes] {
+            // Turned over if corner 0 has the bit.
+            let d = bits ^ (bits & 1).wrapping_neg();
+            two &= d == 0 || differ == 0 || d == differ;
+            differ |= d;
+        }
+        (differ, two)
+    }
+
+    /// The codes at the corners as one number, if they take no more than two bits each.
+    pub(super) fn two_planes(&self) -> Option<usize> {
+        (self.planes <= 2).then(|| usize::from(self.bits[0]) | usize::from(self.bits[1]) << 8)
+    }
+}
+
+/// Calls `visit(x, corners)` for the cells of row y of layer z whose bit is set in `active`, ascending.
+pub(super) fn visit_cells(
+    labels: &LabelVolume,
+    [y, z]: [usize; 2],
+    active: &[u64],
+    mut visit: impl FnMut(usize, Corners),
+) {
+    let planes = labels.codes().count();
+    // In the order of corners: y is bit 1, z is bit 2.
+    let rows = [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]].map(|[y, z]| CodeRow::new(labels, y, z));
+    for (w, &word) in active.iter().enumerate().filter(|(_, word)| **word != 0) {
+        for half in [0, 1] {
+            let cells = word >> (half * HALF) & u64::from(u32::MAX);
+            if cells == 0 {
+                continue;
+            }
+            let mut windows = [[0u64; 4]; MAX_PLANES];
+            for (p, window) in windows[..planes].iter_mut().enumerate() {
+                *window = std::array::from_fn(|k| rows[k].from_half(p, 2 * w + half));
+            }
+            for bit in set_bits(cells) {
+                let mut corners = Corners { bits: [0; MAX_PLANES], planes };
+                for (bits, window) in corners.bits.iter_mut().zip(&windows[..planes]) {
+                    let two = |k: usize| (window[k] >> bit & 3) as u8;
+                    *bits = two(0) | two(1) << 2 | two(2) << 4 | two(3) << 6;
+                }
+                visit(w * WORD + half * HALF + bit, corners);
+            }
+        }
+    }
+}
