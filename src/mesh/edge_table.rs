@@ -3,10 +3,12 @@
 //! Every undirected edge is filed under its lower vertex id and, there, sorted by its higher one and
 //! by triangle. So the order of edges and of the triangles round one depends on the mesh alone.
 
-use rayon::prelude::*;
+use std::ops::Range;
+
+use super::filed::Filed;
 
 /// A triangle's use of an edge.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct EdgeUse {
     /// The edge's higher vertex id.
     pub(crate) high: u32,
@@ -28,14 +30,10 @@ impl EdgeUse {
 
 /// All edges of a triangle list; see the module header. Edges from a vertex to itself (of triangles
 /// that repeat a vertex) are left out.
-pub(crate) struct EdgeTable {
-    /// `start[v]..start[v + 1]` are the uses of edges whose lower vertex is `v`.
-    start: Vec<usize>,
-    uses: Vec<EdgeUse>,
-}
+pub(crate) struct EdgeTable(Filed<EdgeUse>);
 
 /// How many vertices one parallel task handles.
-const CHUNK: usize = 1 << 14;
+const CHUNK: usize = if cfg!(test) { 1 << 4 } else { 1 << 14 };
 
 /// The most triangles a table can hold, as a use keeps one bit for the direction.
 pub(crate) const MAX_TRIANGLES: usize = 1 << 31;
@@ -45,84 +43,32 @@ impl EdgeTable {
     /// not possible in a mesh whose indices are 32 bit and which shares vertices at all.
     pub(crate) fn new(vertices: usize, triangles: &[[u32; 3]]) -> Self {
         debug_assert!(triangles.len() <= MAX_TRIANGLES);
-        let mut start = vec![0usize; vertices + 1];
-        let edges = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
-        for triangle in triangles {
-            for [a, b] in edges(triangle) {
-                if a != b {
-                    start[a.min(b) as usize + 1] += 1;
-                }
-            }
-        }
-        for v in 0..vertices {
-            start[v + 1] += start[v];
-        }
-        let mut next = start.clone();
-        let mut uses = vec![EdgeUse { high: 0, code: 0 }; start[vertices]];
-        for (t, triangle) in triangles.iter().enumerate() {
-            for [a, b] in edges(triangle) {
-                if a != b {
-                    let slot = &mut next[a.min(b) as usize];
-                    uses[*slot] = EdgeUse { high: a.max(b), code: ((t as u32) << 1) | u32::from(a > b) };
-                    *slot += 1;
-                }
-            }
-        }
-        drop(next);
-        let mut table = Self { start, uses };
-        table.sort();
-        table
-    }
-
-    fn sort(&mut self) {
-        let chunks = self.chunks();
-        let start = &self.start;
-        let mut rest = self.uses.as_mut_slice();
-        let mut tasks = Vec::with_capacity(chunks.len());
-        for lows in chunks {
-            let (head, tail) = rest.split_at_mut(start[lows.end] - start[lows.start]);
-            tasks.push((head, lows));
-            rest = tail;
-        }
-        tasks.into_par_iter().for_each(|(uses, lows)| {
-            let first = start[lows.start];
-            for low in lows {
-                uses[start[low] - first..start[low + 1] - first].sort_unstable();
-            }
+        let filed = Filed::new(vertices, triangles, |t, &[a, b, c]| {
+            [[a, b], [b, c], [c, a]].map(|[a, b]| {
+                let code = ((t as u32) << 1) | u32::from(a > b);
+                (a != b).then(|| (a.min(b), EdgeUse { high: a.max(b), code }))
+            })
         });
-    }
-
-    /// Number of vertices the table was made for.
-    pub(crate) fn vertices(&self) -> usize {
-        self.start.len() - 1
+        Self(filed)
     }
 
     /// The edges whose lower vertex is `low`, each with its uses, by ascending higher vertex.
     pub(crate) fn edges_of(&self, low: usize) -> impl Iterator<Item = (u32, &[EdgeUse])> {
-        self.uses[self.start[low]..self.start[low + 1]]
-            .chunk_by(|a, b| a.high == b.high)
-            .map(|uses| (uses[0].high, uses))
+        self.0.of(low).chunk_by(|a, b| a.high == b.high).map(|uses| (uses[0].high, uses))
     }
 
     /// The uses of the edge between two vertices; empty if there is no such edge.
     pub(crate) fn uses(&self, a: u32, b: u32) -> &[EdgeUse] {
         let (low, high) = (a.min(b) as usize, a.max(b));
-        let all = &self.uses[self.start[low]..self.start[low + 1]];
+        let all = self.0.of(low);
         let first = all.partition_point(|u| u.high < high);
         let last = all.partition_point(|u| u.high <= high);
         &all[first..last]
     }
 
-    /// All edges `(low, high, uses)` in ascending order.
-    pub(crate) fn edges(&self) -> impl Iterator<Item = (u32, u32, &[EdgeUse])> {
-        (0..self.vertices())
-            .flat_map(move |low| self.edges_of(low).map(move |(high, uses)| (low as u32, high, uses)))
-    }
-
-    /// Ranges of lower vertices to hand to parallel tasks: their bounds do not depend on threads.
-    pub(crate) fn chunks(&self) -> Vec<std::ops::Range<usize>> {
-        let n = self.vertices();
-        (0..n).step_by(CHUNK).map(|first| first..(first + CHUNK).min(n)).collect()
+    /// Cuts lower vertices into ranges to hand to parallel tasks: their bounds do not depend on threads.
+    pub(crate) fn chunks(lows: Range<usize>) -> Vec<Range<usize>> {
+        lows.clone().step_by(CHUNK).map(|first| first..(first + CHUNK).min(lows.end)).collect()
     }
 }
 
@@ -133,8 +79,9 @@ mod tests {
     #[test]
     fn edges_are_found_with_their_triangles_and_directions() {
         let table = EdgeTable::new(5, &[[0, 1, 2], [2, 1, 3], [4, 4, 1]]);
-        let all: Vec<_> = table
-            .edges()
+        let edges = |low| table.edges_of(low).map(move |(high, uses)| (low as u32, high, uses));
+        let all: Vec<_> = (0..5)
+            .flat_map(edges)
             .map(|(a, b, uses)| {
                 (a, b, uses.iter().map(|u| (u.triangle(), u.is_forward())).collect::<Vec<_>>())
             })

@@ -17,8 +17,10 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::InterfaceMesh;
-use super::edge_table::{EdgeTable, EdgeUse};
-use super::vertex_table::VertexTable;
+use super::curve_edges::{BoundaryEdge, CurveEdge, CurveEdges, Sets};
+use super::curve_vertices::CurveVertices;
+use super::tables::Tables;
+use super::window::Window;
 use crate::grid::MaterialId;
 
 /// A curve of edges.
@@ -68,41 +70,40 @@ pub struct Junctions {
     pub rim_edges: u64,
     /// The edges with one triangle only.
     pub boundaries: Boundaries,
+    /// Where the vertices of all these curves are; left out of files, as the mesh has them.
+    #[serde(skip)]
+    pub vertices: CurveVertices,
 }
 
 /// Finds the junctions and boundaries of `mesh`.
 #[must_use]
 pub fn junctions(mesh: &InterfaceMesh) -> Junctions {
-    let table = EdgeTable::new(mesh.positions().len(), mesh.triangles());
-    junctions_with(mesh, &table)
+    let window = Window::whole(mesh);
+    let mut found = CurveEdges::default();
+    found.add(&window, &Tables::new(&window));
+    found.finish()
 }
 
-/// As [`junctions`], with the mesh's edges at hand.
-pub(crate) fn junctions_with(mesh: &InterfaceMesh, table: &EdgeTable) -> Junctions {
-    let mut result = Junctions::default();
-    let mut sets = Sets::default();
-    let mut edges = Vec::new();
-    let mut boundary = Vec::new();
-    for (low, high, uses) in table.edges() {
-        match uses {
-            [_] => boundary.push(Edge { ends: [low, high], nodes: [low, high], set: sets.id(mesh, uses) }),
-            [a, b] => {
-                let differ = mesh.pairs()[a.triangle()] != mesh.pairs()[b.triangle()];
-                result.rim_edges += u64::from(differ);
-            }
-            _ => {
-                *result.edges_by_triangles.entry(uses.len() as u32).or_insert(0) += 1;
-                edges.push(Edge { ends: [low, high], nodes: [low, high], set: sets.id(mesh, uses) });
-            }
+impl CurveEdges {
+    /// Strings all edges found into curves.
+    pub(crate) fn finish(self) -> Junctions {
+        let vertices = CurveVertices::new(self.vertices);
+        let line = |e: &CurveEdge| Edge { ends: e.ends, nodes: e.ends, set: e.set };
+        let edges: Vec<Edge> = self.junction.iter().map(line).collect();
+        let (chains, points) = string(&edges);
+        let set = |chain: &Chain| self.sets.of(edges[chain.edges[0]].set).to_vec();
+        let curves: Vec<_> = chains.iter().map(|c| curve(&vertices, &edges, c, set(c))).collect();
+        Junctions {
+            edges: edges.len() as u64,
+            edges_by_triangles: self.edges_by_triangles,
+            length: total_length(&curves),
+            curves,
+            points,
+            rim_edges: self.rim_edges,
+            boundaries: boundaries(&self.boundary, &self.sets, &vertices),
+            vertices,
         }
     }
-    result.edges = edges.len() as u64;
-    let (chains, points) = string(&edges);
-    result.points = points;
-    result.curves = chains.into_iter().map(|c| curve(mesh, &edges, &c, &sets)).collect();
-    result.length = total_length(&result.curves);
-    result.boundaries = boundaries(mesh, table, boundary, &sets);
-    result
 }
 
 fn total_length(curves: &[JunctionCurve]) -> f64 {
@@ -111,34 +112,31 @@ fn total_length(curves: &[JunctionCurve]) -> f64 {
 }
 
 /// Strings boundary edges; see the module header.
-fn boundaries(mesh: &InterfaceMesh, table: &EdgeTable, mut edges: Vec<Edge>, sets: &Sets) -> Boundaries {
-    if edges.is_empty() {
-        return Boundaries::default();
-    }
+fn boundaries(found: &[BoundaryEdge], sets: &Sets, vertices: &CurveVertices) -> Boundaries {
     // Nodes to string through are (vertex, fan) instead of vertices, numbered as they are met.
-    let fans = Fans::new(mesh, table);
-    let mut nodes = BTreeMap::new();
-    let many = |nodes: &BTreeMap<(u32, u32), u32>| nodes.len() as u32;
-    for edge in &mut edges {
-        let t = table.uses(edge.ends[0], edge.ends[1])[0].triangle() as u32;
-        for i in 0..2 {
-            let next = many(&nodes);
-            edge.nodes[i] = *nodes.entry((edge.ends[i], fans.of(edge.ends[i], t))).or_insert(next);
-        }
-        edge.set = 0; // a boundary goes on where the materials change
-    }
+    let mut numbers = BTreeMap::new();
+    let mut number = |node: (u32, u32)| {
+        let next = numbers.len() as u32;
+        *numbers.entry(node).or_insert(next)
+    };
+    let line = |e: &BoundaryEdge| Edge {
+        ends: e.edge.ends,
+        nodes: [0, 1].map(|i| number((e.edge.ends[i], e.fans[i]))),
+        set: 0, // a boundary goes on where the materials change
+    };
+    let edges: Vec<Edge> = found.iter().map(line).collect();
     let (chains, _) = string(&edges);
     let materials = |chain: &Chain| {
-        let uses = chain.edges.iter().map(|&e| table.uses(edges[e].ends[0], edges[e].ends[1]));
-        let mut ids: Vec<_> = uses.flat_map(|u| Sets::around(mesh, u)).collect();
+        let mut used: Vec<u32> = chain.edges.iter().map(|&e| found[e].edge.set).collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut ids: Vec<_> = used.into_iter().flat_map(|set| sets.of(set).iter().copied()).collect();
         ids.sort_unstable();
         ids.dedup();
         ids
     };
-    let curves: Vec<_> = chains
-        .iter()
-        .map(|chain| JunctionCurve { materials: materials(chain), ..curve(mesh, &edges, chain, sets) })
-        .collect();
+    let curves: Vec<_> =
+        chains.iter().map(|chain| curve(vertices, &edges, chain, materials(chain))).collect();
     Boundaries {
         edges: edges.len() as u64,
         loops: curves.iter().filter(|c| c.closed).count() as u64,
@@ -155,32 +153,6 @@ struct Edge {
     nodes: [u32; 2],
     /// Curves end where this changes.
     set: u32,
-}
-
-/// The sets of materials that occur round edges.
-#[derive(Default)]
-struct Sets {
-    ids: BTreeMap<Vec<MaterialId>, u32>,
-    sets: Vec<Vec<MaterialId>>,
-}
-
-impl Sets {
-    fn around(mesh: &InterfaceMesh, uses: &[EdgeUse]) -> Vec<MaterialId> {
-        let pairs = uses.iter().map(|u| mesh.pairs()[u.triangle()]);
-        let mut set: Vec<_> = pairs.flat_map(|p| [p.back(), p.front()]).collect();
-        set.sort_unstable();
-        set.dedup();
-        set
-    }
-
-    fn id(&mut self, mesh: &InterfaceMesh, uses: &[EdgeUse]) -> u32 {
-        let set = Self::around(mesh, uses);
-        let next = self.sets.len() as u32;
-        *self.ids.entry(set).or_insert_with_key(|set| {
-            self.sets.push(set.clone());
-            next
-        })
-    }
 }
 
 /// Edges in order, each taken along the vertices that `vertices` lists.
@@ -245,48 +217,20 @@ fn string(edges: &[Edge]) -> (Vec<Chain>, Vec<u32>) {
     (chains, points)
 }
 
-fn curve(mesh: &InterfaceMesh, edges: &[Edge], chain: &Chain, sets: &Sets) -> JunctionCurve {
-    let point = |v: u32| mesh.positions()[v as usize];
+fn curve(
+    vertices: &CurveVertices,
+    edges: &[Edge],
+    chain: &Chain,
+    materials: Vec<MaterialId>,
+) -> JunctionCurve {
+    let point = |v: u32| vertices.position(v).unwrap_or_default();
     let length = |&e: &usize| DVec3::distance(point(edges[e].ends[0]), point(edges[e].ends[1]));
     JunctionCurve {
-        materials: sets.sets[edges[chain.edges[0]].set as usize].clone(),
+        materials,
         closed: chain.closed,
         length: chain.edges.iter().map(length).sum(),
         edges: chain.edges.len() as u64,
         vertices: chain.vertices.clone(),
-    }
-}
-
-/// The fans of triangles round vertices: triangles at a vertex that are joined through edges at it.
-struct Fans<'a> {
-    mesh: &'a InterfaceMesh,
-    edges: &'a EdgeTable,
-    vertices: VertexTable,
-}
-
-impl<'a> Fans<'a> {
-    fn new(mesh: &'a InterfaceMesh, edges: &'a EdgeTable) -> Self {
-        Self { mesh, edges, vertices: VertexTable::new(mesh.positions().len(), mesh.triangles()) }
-    }
-
-    /// The lowest triangle in the fan of triangle `t` at vertex `v`.
-    fn of(&self, v: u32, t: u32) -> u32 {
-        let around = self.vertices.triangles(v as usize);
-        let place = |t: u32| around.partition_point(|&u| u < t);
-        let mut seen = vec![false; around.len()];
-        let mut open = vec![t];
-        seen[place(t)] = true;
-        while let Some(t) = open.pop() {
-            for other in self.mesh.triangles()[t as usize].into_iter().filter(|&w| w != v) {
-                for u in self.edges.uses(v, other) {
-                    let u = u.triangle() as u32;
-                    if !std::mem::replace(&mut seen[place(u)], true) {
-                        open.push(u);
-                    }
-                }
-            }
-        }
-        seen.iter().position(|&s| s).map_or(t, |first| around[first])
     }
 }
 

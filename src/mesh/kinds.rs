@@ -9,7 +9,7 @@ use crate::grid::{MaterialId, Pair, VertexKind};
 /// counted as one and meaning the border. Each pair belongs to the triangle at its place.
 ///
 /// # Panics
-/// If a triangle names a vertex that does not exist.
+/// If there are fewer pairs than triangles.
 #[must_use]
 pub fn kinds_from_labels(vertices: usize, triangles: &[[u32; 3]], pairs: &[Pair]) -> Vec<VertexKind> {
     let table = VertexTable::new(vertices, triangles);

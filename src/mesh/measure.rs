@@ -8,16 +8,15 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::InterfaceMesh;
 use super::check::has_shell;
-use super::edge_table::EdgeTable;
+use super::components::{Components, ShellPieces};
+use super::in_chunks::{InChunks, Sum};
+use super::tables::Tables;
+use super::window::Window;
 use crate::grid::{MaterialId, Pair};
-
-/// Triangles summed in one task.
-const CHUNK: usize = 1 << 14;
 
 /// One interface: all triangles of a pair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,153 +82,148 @@ pub struct Measures {
 /// Measures all interfaces and shells of `mesh`.
 #[must_use]
 pub fn measure(mesh: &InterfaceMesh) -> Measures {
-    let table = EdgeTable::new(mesh.positions().len(), mesh.triangles());
-    measure_with(mesh, &table)
+    let window = Window::whole(mesh);
+    let mut measurer = Measurer::default();
+    measurer.add(&window, &Tables::new(&window));
+    measurer.finish()
 }
 
-/// As [`measure`], with the mesh's edges at hand.
-pub(crate) fn measure_with(mesh: &InterfaceMesh, table: &EdgeTable) -> Measures {
-    let pairs = pair_measures(mesh);
-    let mut ids: Vec<MaterialId> =
-        pairs.iter().flat_map(|p| [p.pair.back(), p.pair.front()]).filter(|&id| has_shell(id)).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    let shells = ids
-        .into_iter()
-        .map(|material| {
+/// Measures a mesh window by window.
+#[derive(Default)]
+pub(crate) struct Measurer {
+    vertices: u64,
+    triangles: u64,
+    origins: Origins,
+    sums: InChunks<Sums>,
+    components: Components,
+}
+
+impl Measurer {
+    /// Measures what the window owns.
+    pub(crate) fn add(&mut self, window: &Window<'_>, tables: &Tables) {
+        self.vertices += window.own_vertices().len() as u64;
+        self.triangles += window.own_triangles().len() as u64;
+        self.origins.add(window);
+        self.sums.add(window, &self.origins);
+        self.components.add(window, tables);
+    }
+
+    /// The measures of all windows.
+    pub(crate) fn finish(self) -> Measures {
+        let Sums { pairs, volumes, .. } = self.sums.finish();
+        let pairs: BTreeMap<Pair, (u64, f64)> =
+            pairs.into_iter().map(|(pair, count, area)| (pair, (count, area))).collect();
+        let pairs: Vec<PairMeasure> = pairs
+            .into_iter()
+            .map(|(pair, (triangles, area))| PairMeasure { pair, triangles, area })
+            .collect();
+        let volume = |id: MaterialId| volumes.iter().find(|v| v.0 == id).map_or(0.0, |v| v.1 / 6.0);
+        let shell = |(material, found): (MaterialId, ShellPieces)| {
             let of_it = || pairs.iter().filter(|p| p.pair.contains(material));
-            let (closed, pieces) = pieces(mesh, table, material);
             ShellMeasure {
                 material,
                 triangles: of_it().map(|p| p.triangles).sum(),
                 area: of_it().map(|p| p.area).sum(),
-                volume: closed.then(|| volume(mesh, material)),
-                euler_characteristic: pieces.iter().map(|p| p.euler_characteristic).sum(),
-                components: pieces.len() as u64,
-                pieces: pieces.into_iter().take(ShellMeasure::MAX_LISTED).collect(),
+                volume: found.closed.then(|| volume(material)),
+                euler_characteristic: found.euler_characteristic,
+                components: found.count,
+                pieces: found.largest,
             }
-        })
-        .collect();
-    Measures {
-        vertices: mesh.positions().len() as u64,
-        triangles: mesh.triangles().len() as u64,
-        pairs,
-        shells,
+        };
+        let shells = self.components.finish().into_iter().map(shell).collect();
+        Measures { vertices: self.vertices, triangles: self.triangles, pairs, shells }
     }
 }
 
-/// The chunks of all triangles' ids.
-fn chunks(mesh: &InterfaceMesh) -> impl IndexedParallelIterator<Item = std::ops::Range<usize>> {
-    let n = mesh.triangles().len();
-    (0..n.div_ceil(CHUNK)).into_par_iter().map(move |c| c * CHUNK..((c + 1) * CHUNK).min(n))
-}
+/// For each material a point near its shell, over which volumes are taken: the first corner of its
+/// first triangle. So far origins cost no digits.
+struct Origins([Option<DVec3>; 256]);
 
-fn pair_measures(mesh: &InterfaceMesh) -> Vec<PairMeasure> {
-    let parts: Vec<BTreeMap<Pair, (u64, f64)>> = chunks(mesh)
-        .map(|chunk| {
-            let mut part = BTreeMap::new();
-            for t in chunk {
-                let [a, b, c] = mesh.corners(t);
-                let (count, area) = part.entry(mesh.pairs()[t]).or_insert((0, 0.0));
-                *count += 1;
-                *area += (b - a).cross(c - a).length() / 2.0;
-            }
-            part
-        })
-        .collect();
-    let mut all: BTreeMap<Pair, (u64, f64)> = BTreeMap::new();
-    for (pair, (count, area)) in parts.into_iter().flatten() {
-        let sum = all.entry(pair).or_insert((0, 0.0));
-        sum.0 += count;
-        sum.1 += area;
+impl Default for Origins {
+    fn default() -> Self {
+        Self([None; 256])
     }
-    all.into_iter().map(|(pair, (triangles, area))| PairMeasure { pair, triangles, area }).collect()
 }
 
-/// The volume inside the shell of `material`, taken over its first corner: far origins cost nothing.
-fn volume(mesh: &InterfaceMesh, material: MaterialId) -> f64 {
-    let first = mesh.pairs().iter().position(|p| p.contains(material));
-    let Some(origin) = first.map(|t| mesh.corners(t)[0]) else { return 0.0 };
-    let parts: Vec<f64> = chunks(mesh)
-        .map(|chunk| {
-            let mut sum = 0.0;
-            for t in chunk {
-                let pair = mesh.pairs()[t];
-                if pair.contains(material) {
-                    let [a, b, c] = mesh.corners(t).map(|p| p - origin);
-                    let six = DVec3::dot(a, b.cross(c));
-                    sum += if pair.back() == material { six } else { -six };
+impl Origins {
+    fn add(&mut self, window: &Window<'_>) {
+        let mut last = None;
+        for t in window.own_triangles() {
+            let pair = window.pairs()[t];
+            if last != Some(pair) {
+                last = Some(pair);
+                for id in [pair.back(), pair.front()] {
+                    self.0[usize::from(id.0)].get_or_insert_with(|| window.corners(t)[0]);
                 }
             }
-            sum
-        })
-        .collect();
-    parts.into_iter().sum::<f64>() / 6.0
+        }
+    }
 }
 
-/// Whether the shell of `material` is closed, and its connected pieces.
-fn pieces(mesh: &InterfaceMesh, table: &EdgeTable, material: MaterialId) -> (bool, Vec<PieceMeasure>) {
-    const UNUSED: u32 = u32::MAX;
-    let n = mesh.positions().len();
-    let mut parent = vec![UNUSED; n];
-    let of_it = || mesh.triangles().iter().zip(mesh.pairs()).filter(|(_, p)| p.contains(material));
-    for (t, _) in of_it() {
-        for &v in t {
-            if parent[v as usize] == UNUSED {
-                parent[v as usize] = v;
-            }
-        }
-        for v in [t[1], t[2]] {
-            let (a, b) = (root(&mut parent, t[0]), root(&mut parent, v));
-            // The lowest id stays the root.
-            parent[a.max(b) as usize] = a.min(b);
-        }
-    }
-    // Per root: vertices - edges, and triangles.
-    let mut dense = vec![(0i64, 0u64); n];
-    for v in 0..n as u32 {
-        if parent[v as usize] != UNUSED {
-            dense[root(&mut parent, v) as usize].0 += 1;
-        }
-    }
-    for (t, _) in of_it() {
-        dense[root(&mut parent, t[0]) as usize].1 += 1;
-    }
-    let mut closed = true;
-    for (low, _, uses) in table.edges() {
-        let (mut used, mut balance) = (false, 0);
-        for u in uses {
-            let pair = mesh.pairs()[u.triangle()];
-            if pair.contains(material) {
-                used = true;
-                balance += if u.is_forward() == (pair.back() == material) { 1 } else { -1 };
-            }
-        }
-        if used {
-            dense[root(&mut parent, low) as usize].0 -= 1;
-            closed &= balance == 0;
-        }
-    }
-    let mut pieces: Vec<_> = dense
-        .into_iter()
-        .enumerate()
-        .filter(|(_, (_, triangles))| *triangles > 0)
-        .map(|(vertex, (rest, triangles))| PieceMeasure {
-            vertex: vertex as u32,
-            triangles,
-            euler_characteristic: rest + triangles as i64,
-        })
-        .collect();
-    pieces.sort_by_key(|p| (std::cmp::Reverse(p.triangles), p.vertex));
-    (closed, pieces)
+/// Areas and volumes of some triangles. There are few pairs and materials in a chunk, and neighbours mostly
+/// have the same, so lists are searched from the last entry used.
+#[derive(Default)]
+struct Sums {
+    /// Triangles and area of each pair met.
+    pairs: Vec<(Pair, u64, f64)>,
+    /// Six times the volume of each material met.
+    volumes: Vec<(MaterialId, f64)>,
+    /// The pair of the triangle before, and its places in the lists.
+    last: Option<(Pair, usize, [Option<usize>; 2])>,
 }
 
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
+impl Sums {
+    fn of_pair(&mut self, pair: Pair) -> usize {
+        self.pairs.iter().position(|p| p.0 == pair).unwrap_or_else(|| {
+            self.pairs.push((pair, 0, 0.0));
+            self.pairs.len() - 1
+        })
     }
-    v
+
+    fn of_material(&mut self, id: MaterialId) -> usize {
+        self.volumes.iter().position(|v| v.0 == id).unwrap_or_else(|| {
+            self.volumes.push((id, 0.0));
+            self.volumes.len() - 1
+        })
+    }
+}
+
+impl Sum for Sums {
+    type Given = Origins;
+
+    fn take(&mut self, window: &Window<'_>, t: usize, origins: &Origins) {
+        let pair = window.pairs()[t];
+        let (_, place, volumes) = match self.last {
+            Some(last) if last.0 == pair => last,
+            _ => {
+                let ids = [pair.back(), pair.front()];
+                let volumes = ids.map(|id| has_shell(id).then(|| self.of_material(id)));
+                let last = (pair, self.of_pair(pair), volumes);
+                self.last = Some(last);
+                last
+            }
+        };
+        let [a, b, c] = window.corners(t);
+        self.pairs[place].1 += 1;
+        self.pairs[place].2 += (b - a).cross(c - a).length() / 2.0;
+        for (place, sign) in volumes.into_iter().zip([1.0, -1.0]) {
+            let Some((id, six)) = place.map(|v| &mut self.volumes[v]) else { continue };
+            let origin = origins.0[usize::from(id.0)].unwrap_or(a);
+            *six += sign * (a - origin).dot((b - origin).cross(c - origin));
+        }
+    }
+
+    fn join(&mut self, later: Self) {
+        for (pair, count, area) in later.pairs {
+            let place = self.of_pair(pair);
+            self.pairs[place].1 += count;
+            self.pairs[place].2 += area;
+        }
+        for (id, six) in later.volumes {
+            let place = self.of_material(id);
+            self.volumes[place].1 += six;
+        }
+    }
 }
 
 #[cfg(test)]

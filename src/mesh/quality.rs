@@ -4,10 +4,11 @@
 //! equilateral triangle, 0 for one without area.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::InterfaceMesh;
+use super::in_chunks::{InChunks, Sum};
+use super::window::Window;
 
 /// Bins of [`Quality::histogram`].
 pub const BINS: usize = 20;
@@ -54,46 +55,65 @@ fn smallest_angle([a, b, c]: [DVec3; 3]) -> f64 {
 /// Measures the shapes of all triangles.
 #[must_use]
 pub fn quality(mesh: &InterfaceMesh) -> Quality {
-    const CHUNK: usize = 1 << 14;
-    #[derive(Clone)]
-    struct Part {
-        lowest: f64,
-        sum: f64,
-        good: u64,
-        bins: [u64; BINS],
-        angle: f64,
+    let mut shapes = InChunks::<Shapes>::default();
+    shapes.add(&Window::whole(mesh), &());
+    shapes.finish().into()
+}
+
+/// The shapes of some triangles.
+#[derive(Clone)]
+pub(crate) struct Shapes {
+    count: u64,
+    lowest: f64,
+    sum: f64,
+    good: u64,
+    bins: [u64; BINS],
+    angle: f64,
+}
+
+impl Default for Shapes {
+    fn default() -> Self {
+        let (lowest, angle) = (f64::INFINITY, f64::INFINITY);
+        Self { count: 0, lowest, sum: 0.0, good: 0, bins: [0; BINS], angle }
     }
-    let n = mesh.triangles().len();
-    let parts: Vec<Part> = (0..n.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let mut part =
-                Part { lowest: f64::INFINITY, sum: 0.0, good: 0, bins: [0; BINS], angle: f64::INFINITY };
-            for t in chunk * CHUNK..((chunk + 1) * CHUNK).min(n) {
-                let corners = mesh.corners(t);
-                let q = triangle_quality(corners);
-                part.lowest = part.lowest.min(q);
-                part.sum += q;
-                part.good += u64::from(q > GOOD);
-                part.bins[((q * BINS as f64) as usize).min(BINS - 1)] += 1;
-                part.angle = part.angle.min(smallest_angle(corners));
-            }
-            part
-        })
-        .collect();
-    let some = |value: f64| (n > 0).then_some(value);
-    let mut histogram = vec![0; BINS];
-    for part in &parts {
-        for (all, bin) in histogram.iter_mut().zip(part.bins) {
+}
+
+impl Sum for Shapes {
+    type Given = ();
+
+    fn take(&mut self, window: &Window<'_>, t: usize, (): &()) {
+        let corners = window.corners(t);
+        let q = triangle_quality(corners);
+        self.count += 1;
+        self.lowest = self.lowest.min(q);
+        self.sum += q;
+        self.good += u64::from(q > GOOD);
+        self.bins[((q * BINS as f64) as usize).min(BINS - 1)] += 1;
+        self.angle = self.angle.min(smallest_angle(corners));
+    }
+
+    fn join(&mut self, later: Self) {
+        self.count += later.count;
+        self.lowest = self.lowest.min(later.lowest);
+        self.sum += later.sum;
+        self.good += later.good;
+        for (all, bin) in self.bins.iter_mut().zip(later.bins) {
             *all += bin;
         }
+        self.angle = self.angle.min(later.angle);
     }
-    Quality {
-        minimum: some(parts.iter().map(|p| p.lowest).fold(f64::INFINITY, f64::min)),
-        mean: some(parts.iter().map(|p| p.sum).sum::<f64>() / n as f64),
-        above_0_3_percent: some(100.0 * parts.iter().map(|p| p.good).sum::<u64>() as f64 / n as f64),
-        histogram,
-        smallest_angle: some(parts.iter().map(|p| p.angle).fold(f64::INFINITY, f64::min)),
+}
+
+impl From<Shapes> for Quality {
+    fn from(all: Shapes) -> Self {
+        let some = |value: f64| (all.count > 0).then_some(value);
+        Self {
+            minimum: some(all.lowest),
+            mean: some(all.sum / all.count as f64),
+            above_0_3_percent: some(100.0 * all.good as f64 / all.count as f64),
+            histogram: all.bins.to_vec(),
+            smallest_angle: some(all.angle),
+        }
     }
 }
 

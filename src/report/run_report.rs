@@ -177,7 +177,7 @@ impl RunReport {
         });
         let unexpected = match options.border {
             Border::Closed => mesh.defects.total(),
-            Border::Open => unexplained_by_open_border(&mesh, extraction.mesh.kinds()),
+            Border::Open => unexplained_by_open_border(&mesh),
         };
         Self {
             tool: concat!("interfacet ", env!("CARGO_PKG_VERSION")).into(),
@@ -204,9 +204,9 @@ impl RunReport {
 
 /// Defects other than open edges, and boundary edges that are not on the volume's border. (A shell is
 /// open exactly along boundary edges and where it meets the border.)
-fn unexplained_by_open_border(mesh: &MeshReport, kinds: &[VertexKind]) -> u64 {
+fn unexplained_by_open_border(mesh: &MeshReport) -> u64 {
     let open = mesh.defects.boundary_edges.count + mesh.defects.open_edges.count;
-    let on_border = |v: &u32| kinds.get(*v as usize).is_some_and(|k| k.is_border());
+    let on_border = |v: &u32| mesh.junctions.vertices.kind(*v).is_some_and(VertexKind::is_border);
     let inside = mesh.junctions.boundaries.curves.iter().filter(|c| !c.vertices.iter().all(on_border));
     mesh.defects.total() - open + inside.map(|c| c.edges).sum::<u64>()
 }

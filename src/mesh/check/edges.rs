@@ -9,24 +9,23 @@ use super::triangle_pair::{Plane, side};
 use super::{ShellCounts, Wrong, has_shell, pair_defect};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
-use crate::mesh::InterfaceMesh;
 use crate::mesh::edge_table::{EdgeTable, EdgeUse};
+use crate::mesh::window::Window;
 
-/// Checks all edges and enters what is wrong in `defects` and `counts`.
+/// Checks the edges that the window owns and enters what is wrong in `defects` and `counts`.
 pub(super) fn check(
-    mesh: &InterfaceMesh,
+    window: &Window<'_>,
     table: &EdgeTable,
     keep: usize,
     defects: &mut Defects,
     counts: &mut ShellCounts,
     execution: &Execution,
 ) -> Result<(), Cancelled> {
-    let parts = table
-        .chunks()
+    let parts = EdgeTable::chunks(window.own_vertices())
         .into_par_iter()
         .map(|lows| {
             execution.check()?;
-            let mut part = Part { mesh, keep, found: Defects::default(), counts: None };
+            let mut part = Part { window, keep, found: Defects::default(), counts: None };
             for low in lows {
                 for (high, uses) in table.edges_of(low) {
                     part.edge([low as u32, high], uses);
@@ -51,7 +50,7 @@ pub(super) fn check(
 
 /// What one task finds.
 struct Part<'a> {
-    mesh: &'a InterfaceMesh,
+    window: &'a Window<'a>,
     keep: usize,
     found: Defects,
     /// Boxed and only made when something is wrong: most tasks find nothing.
@@ -60,7 +59,7 @@ struct Part<'a> {
 
 impl Part<'_> {
     fn edge(&mut self, ends: [u32; 2], uses: &[EdgeUse]) {
-        let pairs = self.mesh.pairs();
+        let pairs = self.window.pairs();
         if let [a, b] = uses
             && pairs[a.triangle()] == pairs[b.triangle()]
             && a.is_forward() != b.is_forward()
@@ -71,9 +70,9 @@ impl Part<'_> {
             return;
         }
         if uses.len() == 1 {
-            self.found.boundary_edges.add(self.keep, || defect(self.mesh, ends, uses, None));
+            self.found.boundary_edges.add(self.keep, || defect(self.window, ends, uses, None));
         } else if !self.alternates(ends, uses) {
-            self.found.alternation.add(self.keep, || defect(self.mesh, ends, uses, None));
+            self.found.alternation.add(self.keep, || defect(self.window, ends, uses, None));
         }
         self.shells(ends, uses);
         self.duplicates(ends, uses);
@@ -84,7 +83,7 @@ impl Part<'_> {
         let mut ways: Vec<(MaterialId, bool)> = uses
             .iter()
             .flat_map(|u| {
-                let pair = self.mesh.pairs()[u.triangle()];
+                let pair = self.window.pairs()[u.triangle()];
                 [(pair.back(), u.is_forward()), (pair.front(), !u.is_forward())]
             })
             .filter(|&(id, _)| has_shell(id))
@@ -100,7 +99,7 @@ impl Part<'_> {
                 (2, 0) | (0, 2) => (&mut self.found.winding, Wrong::Winding),
                 _ => (&mut self.found.non_manifold_edges, Wrong::NonManifold),
             };
-            list.add(self.keep, || defect(self.mesh, ends, uses, Some(id)));
+            list.add(self.keep, || defect(self.window, ends, uses, Some(id)));
             let counts = self.counts.get_or_insert_with(|| Box::new(ShellCounts::new()));
             counts.add(id, wrong);
             if forward != backward {
@@ -129,13 +128,13 @@ impl Part<'_> {
         for two in thirds.windows(2).filter(|two| two[0].0 == two[1].0) {
             let triangles = [two[0].1, two[1].1];
             if triangles[0] != triangles[1] {
-                self.found.duplicate_triangles.add(self.keep, || pair_defect(self.mesh, triangles));
+                self.found.duplicate_triangles.add(self.keep, || pair_defect(self.window, triangles));
             }
         }
     }
 
     fn third(&self, ends: [u32; 2], u: EdgeUse) -> u32 {
-        let t = self.mesh.triangles()[u.triangle()];
+        let t = self.window.triangles()[u.triangle()];
         t.into_iter().find(|v| !ends.contains(v)).unwrap_or(ends[0])
     }
 
@@ -144,7 +143,7 @@ impl Part<'_> {
         // Turning counter-clockwise about the edge, seen against its direction from low to high, a
         // triangle that runs forward is passed from its back to its front.
         let passed = |u: &EdgeUse| {
-            let pair = self.mesh.pairs()[u.triangle()];
+            let pair = self.window.pairs()[u.triangle()];
             if u.is_forward() { (pair.back(), pair.front()) } else { (pair.front(), pair.back()) }
         };
         let matches_up = |around: &[EdgeUse]| {
@@ -160,7 +159,7 @@ impl Part<'_> {
 
     /// The triangles in order round the edge; `None` if two lie on each other or one has no area.
     fn by_angle(&self, ends: [u32; 2], uses: &[EdgeUse]) -> Option<Vec<EdgeUse>> {
-        let point = |v: u32| self.mesh.positions()[v as usize];
+        let point = |v: u32| self.window.positions()[v as usize];
         let [u, v] = ends.map(point);
         let tip = |of: EdgeUse| point(self.third(ends, of));
         let zero = tip(uses[0]);
@@ -188,18 +187,13 @@ impl Part<'_> {
     }
 }
 
-fn defect(
-    mesh: &InterfaceMesh,
-    ends: [u32; 2],
-    uses: &[EdgeUse],
-    material: Option<MaterialId>,
-) -> EdgeDefect {
-    let triangles = uses.iter().map(|u| u.triangle() as u32);
+fn defect(window: &Window<'_>, ends: [u32; 2], uses: &[EdgeUse], material: Option<MaterialId>) -> EdgeDefect {
+    let triangles = uses.iter().map(|u| window.triangle_id(u.triangle()));
     let mut triangles: Vec<u32> = triangles.take(EdgeDefect::MAX_TRIANGLES).collect();
     triangles.sort_unstable();
     EdgeDefect {
-        vertices: ends,
-        ends: ends.map(|v| mesh.positions()[v as usize].to_array()),
+        vertices: ends.map(|v| window.vertex_id(v as usize)),
+        ends: ends.map(|v| window.positions()[v as usize].to_array()),
         triangles,
         material,
     }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::size_trees::SizeTrees;
 use super::triangle_pair::{folded, touch, touch_beyond_vertex};
 use crate::execution::{Cancelled, Execution};
-use crate::mesh::InterfaceMesh;
+use crate::mesh::window::Window;
 
 /// Asking triangles per parallel task.
 const CHUNK: usize = 1 << 12;
@@ -18,19 +18,21 @@ pub(crate) struct Found {
     pub(crate) first: Vec<[u32; 2]>,
 }
 
-/// All pairs of triangles of `mesh` that meet where they must not; triangles without area (flagged
-/// in `degenerate`) and pairs with the same three vertices are left out: they are other defects.
+/// All pairs of triangles that meet where they must not, of which the window owns the later one; triangles
+/// without area (flagged in `degenerate`) and pairs with the same three vertices are left out: they are
+/// other defects. Numbers are local.
 pub(crate) fn find(
-    mesh: &InterfaceMesh,
+    window: &Window<'_>,
     degenerate: &[bool],
     keep: usize,
+    progress: bool,
     execution: &Execution,
 ) -> Result<Found, Cancelled> {
-    let triangles = mesh.triangles();
-    let trees = SizeTrees::new(mesh.positions(), triangles, |t| !degenerate[t]);
+    let own = window.own_triangles().start;
+    let trees = SizeTrees::new(window.positions(), window.triangles(), |t| !degenerate[t]);
     execution.check()?;
     let portions = trees.askers(CHUNK);
-    let stage = execution.stage("search self-intersections", portions.len() as u64);
+    let stage = progress.then(|| execution.stage("search self-intersections", portions.len() as u64));
     let found = portions
         .into_par_iter()
         .map(|(class, ranks)| {
@@ -38,9 +40,10 @@ pub(crate) fn find(
             let mut found = Found { count: 0, first: Vec::new() };
             for rank in ranks {
                 trees.visit_overlaps(class, rank, |t, u| {
-                    if meet_wrongly(mesh, t, u) {
+                    let (t, u) = (t.min(u), t.max(u));
+                    if u >= own && meet_wrongly(window, t, u) {
                         found.count += 1;
-                        found.first.push([t.min(u) as u32, t.max(u) as u32]);
+                        found.first.push([t as u32, u as u32]);
                         if found.first.len() >= 2 * keep.max(1 << 10) {
                             keep_lowest(&mut found.first, keep);
                         }
@@ -48,7 +51,9 @@ pub(crate) fn find(
                 });
             }
             keep_lowest(&mut found.first, keep);
-            stage.advance(1);
+            if let Some(stage) = &stage {
+                stage.advance(1);
+            }
             Ok(found)
         })
         .collect::<Result<Vec<_>, Cancelled>>()?;
@@ -64,10 +69,10 @@ fn keep_lowest(pairs: &mut Vec<[u32; 2]>, keep: usize) {
 }
 
 /// Whether triangles `t` and `u` meet anywhere but in the vertices and edges they share.
-fn meet_wrongly(mesh: &InterfaceMesh, t: usize, u: usize) -> bool {
-    let (a, b) = (mesh.triangles()[t], mesh.triangles()[u]);
+fn meet_wrongly(window: &Window<'_>, t: usize, u: usize) -> bool {
+    let (a, b) = (window.triangles()[t], window.triangles()[u]);
     let shared = |v: u32, other: &[u32; 3]| other.contains(&v);
-    let point = |v: u32| mesh.positions()[v as usize];
+    let point = |v: u32| window.positions()[v as usize];
     let common: usize = a.iter().filter(|&&v| shared(v, &b)).count();
     match common {
         0 => touch(&a.map(point), &b.map(point)),

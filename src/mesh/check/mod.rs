@@ -22,7 +22,8 @@ pub use defects::{
 };
 
 use super::InterfaceMesh;
-use super::edge_table::EdgeTable;
+use super::tables::Tables;
+use super::window::Window;
 use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
 
@@ -51,41 +52,72 @@ pub fn check(
     options: &CheckOptions,
     execution: &Execution,
 ) -> Result<Defects, Cancelled> {
-    let table = EdgeTable::new(mesh.positions().len(), mesh.triangles());
-    check_with(mesh, &table, options, execution)
+    let window = Window::whole(mesh);
+    let mut checker = Checker::new(options.clone());
+    checker.progress = true;
+    checker.add(&window, Tables::new(&window), execution)?;
+    Ok(checker.finish())
 }
 
-/// As [`check`], with the mesh's edges at hand.
-pub(crate) fn check_with(
-    mesh: &InterfaceMesh,
-    table: &EdgeTable,
-    options: &CheckOptions,
-    execution: &Execution,
-) -> Result<Defects, Cancelled> {
-    let keep = options.examples;
-    let mut defects = Defects::default();
-    let mut counts = ShellCounts::new();
+/// Checks a mesh window by window.
+pub(crate) struct Checker {
+    options: CheckOptions,
+    /// Whether the search for self-intersections shows its progress as a stage.
+    pub(crate) progress: bool,
+    defects: Defects,
+    counts: ShellCounts,
+    /// Which materials have triangles.
+    present: [bool; 256],
+}
 
-    execution.check()?;
-    let degenerate: Vec<bool> =
-        (0..mesh.triangles().len()).into_par_iter().map(|t| is_degenerate(mesh, t)).collect();
-    for (t, _) in degenerate.iter().enumerate().filter(|&(_, &bad)| bad) {
-        defects.degenerate_triangles.add(keep, || triangle_defect(mesh, t));
+impl Checker {
+    pub(crate) fn new(options: CheckOptions) -> Self {
+        let defects =
+            Defects { self_intersections_checked: options.self_intersections, ..Defects::default() };
+        Self { options, progress: false, defects, counts: ShellCounts::new(), present: [false; 256] }
     }
-    execution.check()?;
-    edges::check(mesh, table, keep, &mut defects, &mut counts, execution)?;
-    vertices::check(mesh, keep, &mut defects, &mut counts, execution)?;
-    defects.shells = counts.states(mesh);
-    if options.self_intersections {
+
+    /// Checks what the window owns; takes the tables to free their memory in time.
+    pub(crate) fn add(
+        &mut self,
+        window: &Window<'_>,
+        tables: Tables,
+        execution: &Execution,
+    ) -> Result<(), Cancelled> {
+        let Self { options, progress, defects, counts, present } = self;
+        let keep = options.examples;
         execution.check()?;
-        let found = intersections::find(mesh, &degenerate, keep, execution)?;
-        defects.self_intersections = Listed {
-            count: found.count,
-            first: found.first.iter().map(|&pair| pair_defect(mesh, pair)).collect(),
-        };
-        defects.self_intersections_checked = true;
+        let own = window.own_triangles();
+        let degenerate: Vec<bool> = (0..own.end).into_par_iter().map(|t| is_degenerate(window, t)).collect();
+        for t in own.clone().filter(|&t| degenerate[t]) {
+            defects.degenerate_triangles.add(keep, || triangle_defect(window, t));
+        }
+        for pair in &window.pairs()[own] {
+            present[usize::from(pair.back().0)] = true;
+            present[usize::from(pair.front().0)] = true;
+        }
+        execution.check()?;
+        edges::check(window, &tables.edges, keep, defects, counts, execution)?;
+        vertices::check(window, &tables.vertices, keep, defects, counts, execution)?;
+        if options.self_intersections {
+            execution.check()?;
+            drop(tables); // the trees need as much memory again
+            let found = intersections::find(window, &degenerate, keep, *progress, execution)?;
+            // A pair may come after others whose lower triangle lies higher.
+            let all = &mut defects.self_intersections;
+            all.count += found.count;
+            all.first.extend(found.first.iter().map(|&pair| pair_defect(window, pair)));
+            all.first.sort_by_key(|pair| pair.triangles);
+            all.first.truncate(keep);
+        }
+        Ok(())
     }
-    Ok(defects)
+
+    /// What was found in all windows.
+    pub(crate) fn finish(self) -> Defects {
+        let shells = self.counts.states(&self.present);
+        Defects { shells, ..self.defects }
+    }
 }
 
 /// Whether a material's shell is checked at all.
@@ -121,12 +153,7 @@ impl ShellCounts {
         }
     }
 
-    fn states(&self, mesh: &InterfaceMesh) -> Vec<ShellState> {
-        let mut present = [false; 256];
-        for pair in mesh.pairs() {
-            present[usize::from(pair.back().0)] = true;
-            present[usize::from(pair.front().0)] = true;
-        }
+    fn states(&self, present: &[bool; 256]) -> Vec<ShellState> {
         (0..=255u8)
             .map(MaterialId)
             .filter(|&id| present[usize::from(id.0)] && has_shell(id))
@@ -147,27 +174,31 @@ impl ShellCounts {
     }
 }
 
-fn is_degenerate(mesh: &InterfaceMesh, t: usize) -> bool {
-    let [a, b, c] = mesh.triangles()[t];
-    a == b || b == c || c == a || triangle_pair::is_degenerate(&mesh.corners(t))
+fn is_degenerate(window: &Window<'_>, t: usize) -> bool {
+    let [a, b, c] = window.triangles()[t];
+    a == b || b == c || c == a || triangle_pair::is_degenerate(&window.corners(t))
 }
 
-fn triangle_defect(mesh: &InterfaceMesh, t: usize) -> TriangleDefect {
-    let pair = mesh.pairs()[t];
+fn triangle_defect(window: &Window<'_>, t: usize) -> TriangleDefect {
+    let pair = window.pairs()[t];
     TriangleDefect {
-        triangle: t as u32,
-        vertices: mesh.triangles()[t],
-        corners: mesh.corners(t).map(|p| p.to_array()),
+        triangle: window.triangle_id(t),
+        vertices: window.triangles()[t].map(|v| window.vertex_id(v as usize)),
+        corners: window.corners(t).map(|p| p.to_array()),
         materials: [pair.back(), pair.front()],
     }
 }
 
-fn pair_defect(mesh: &InterfaceMesh, triangles: [u32; 2]) -> TrianglePairDefect {
+/// The defect of two triangles, given in local numbers.
+fn pair_defect(window: &Window<'_>, triangles: [u32; 2]) -> TrianglePairDefect {
     let centroid = |t: u32| {
-        let [a, b, c] = mesh.corners(t as usize);
+        let [a, b, c] = window.corners(t as usize);
         (a / 3.0 + b / 3.0 + c / 3.0).to_array()
     };
-    TrianglePairDefect { triangles, centroids: triangles.map(centroid) }
+    TrianglePairDefect {
+        triangles: triangles.map(|t| window.triangle_id(t as usize)),
+        centroids: triangles.map(centroid),
+    }
 }
 
 #[cfg(test)]

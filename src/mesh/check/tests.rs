@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::*;
+use crate::mesh::edge_table::EdgeTable;
 use crate::mesh::fixtures::{mesh, pair, parts, voxel_faces};
 
 fn found(m: &InterfaceMesh) -> Defects {
@@ -124,9 +125,9 @@ fn order_round_a_junction_edge_matters_not_only_the_labels() {
     };
     let turn = |a: f64| a * std::f64::consts::TAU;
     let count = |m: &InterfaceMesh| {
-        let table = EdgeTable::new(5, m.triangles());
+        let (window, table) = (Window::whole(m), EdgeTable::new(5, m.triangles()));
         let (mut d, mut counts) = (Defects::default(), ShellCounts::new());
-        edges::check(m, &table, 100, &mut d, &mut counts, &Execution::default()).unwrap();
+        edges::check(&window, &table, 100, &mut d, &mut counts, &Execution::default()).unwrap();
         d.alternation.count
     };
     // Triangle 2: passed forward, from 1 to 0; triangle 0: backward, from 1 to 2; triangle 1: 2 to 0.

@@ -6,23 +6,23 @@ use super::defects::{Defects, Listed, VertexDefect};
 use super::{ShellCounts, Wrong, has_shell};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::{MaterialId, Pair};
-use crate::mesh::InterfaceMesh;
 use crate::mesh::vertex_table::VertexTable;
+use crate::mesh::window::Window;
 
 /// How many vertices one parallel task handles.
 const CHUNK: usize = 1 << 14;
 
-/// Checks all vertices and enters what is wrong in `defects` and `counts`.
+/// Checks the vertices that the window owns and enters what is wrong in `defects` and `counts`.
 pub(super) fn check(
-    mesh: &InterfaceMesh,
+    window: &Window<'_>,
+    table: &VertexTable,
     keep: usize,
     defects: &mut Defects,
     counts: &mut ShellCounts,
     execution: &Execution,
 ) -> Result<(), Cancelled> {
-    let n = mesh.positions().len();
-    let table = VertexTable::new(n, mesh.triangles());
-    let parts = (0..n.div_ceil(CHUNK))
+    let own = window.own_vertices();
+    let parts = (0..own.len().div_ceil(CHUNK))
         .into_par_iter()
         .map(|chunk| {
             execution.check()?;
@@ -30,10 +30,11 @@ pub(super) fn check(
             // Only the first of these need a place, but all count per material.
             let mut materials = Vec::new();
             let mut link = Link::default();
-            for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(n) {
+            let first = own.start + chunk * CHUNK;
+            for v in first..(first + CHUNK).min(own.end) {
                 let make = |material, pieces| VertexDefect {
-                    vertex: v as u32,
-                    position: mesh.positions()[v].to_array(),
+                    vertex: window.vertex_id(v),
+                    position: window.positions()[v].to_array(),
                     material,
                     pieces,
                 };
@@ -41,7 +42,7 @@ pub(super) fn check(
                 if triangles.is_empty() {
                     unused.add(keep, || make(None, 0));
                 }
-                link.visit(mesh, v as u32, triangles, |material, pieces| {
+                link.visit(window, v as u32, triangles, |material, pieces| {
                     if pieces > 1 {
                         wrong.add(keep, || make(Some(material), pieces));
                         materials.push(material);
@@ -74,7 +75,7 @@ impl Link {
     /// Calls `found(material, pieces)` for every shell that touches the vertex.
     fn visit(
         &mut self,
-        mesh: &InterfaceMesh,
+        window: &Window<'_>,
         v: u32,
         triangles: &[u32],
         mut found: impl FnMut(MaterialId, u32),
@@ -82,7 +83,7 @@ impl Link {
         self.edges.clear();
         self.materials.clear();
         for &t in triangles {
-            let [a, b, c] = mesh.triangles()[t as usize];
+            let [a, b, c] = window.triangles()[t as usize];
             let ends = if a == v {
                 [b, c]
             } else if b == v {
@@ -92,7 +93,7 @@ impl Link {
             };
             // A triangle that repeats the vertex has no edge in its link; it is a defect of its own.
             if !ends.contains(&v) {
-                let pair = mesh.pairs()[t as usize];
+                let pair = window.pairs()[t as usize];
                 self.edges.push((pair, ends));
                 self.materials.extend([pair.back(), pair.front()].into_iter().filter(|&id| has_shell(id)));
             }
