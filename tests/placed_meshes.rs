@@ -102,7 +102,7 @@ fn rounding_to_float_brings_no_defects() {
             assert!(geometry.is_along_axes());
             let wild = Wild { seed, cell: [usize::MAX; 3], bits: 0 };
             let mesh = mesh(&lumps(SIZE, 2 + 2 * seed, (seed % 2) as usize, seed), &geometry, &wild);
-            write_ply(&path, &mesh, &PlyOptions::new(1.0)).unwrap();
+            write_ply(&path, &mesh, PlyOptions::for_mesh(&mesh, 1.0)).unwrap();
             assert!(std::fs::read(&path).unwrap().windows(16).any(|w| w == b"property float x"));
             let back = read_mesh(&path, &ReadOptions::default()).unwrap();
             let found = check(&back, &CheckOptions::default(), &execution).unwrap();

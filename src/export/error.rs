@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use crate::execution::Cancelled;
 use crate::mesh::MeshError;
 
-/// Why a file could not be written or read. Every variant names the path.
+/// Why a file could not be written or read. Every variant but `Cancelled` names the path.
 #[derive(Debug, Error)]
 pub enum ExportError {
     /// The disk is full, or a quota is used up.
@@ -80,6 +81,17 @@ pub enum ExportError {
         /// What is too large, with number and limit.
         what: String,
     },
+    /// Pieces of a mesh that do not go together. No fault of a user: of a program that makes pieces.
+    #[error("cannot write {}: {what}", path.display())]
+    Pieces {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        what: String,
+    },
+    /// Stopped from outside.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
     /// A file could not be opened or read.
     #[error("cannot read {}: {source}; check the path and whether you may read it", path.display())]
     Read {

@@ -7,35 +7,63 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use glam::DVec3;
+
 use super::{ExportError, write_atomically};
 use crate::mesh::{InterfaceMesh, JunctionCurve};
 
 /// Writes curves of `mesh` to the VTK file `path`, whole or not at all.
 ///
 /// # Errors
-/// [`ExportError`] naming `path`.
-///
-/// # Panics
-/// If the curves name vertices that the mesh does not have.
+/// As [`write_curves`].
 pub fn write_junctions(
     path: &Path,
     mesh: &InterfaceMesh,
     curves: &[JunctionCurve],
 ) -> Result<(), ExportError> {
-    write_atomically(path, |out| write(out, mesh, curves))
+    write_curves(path, |v| mesh.positions().get(v as usize).copied(), curves)
 }
 
-fn write(out: &mut impl Write, mesh: &InterfaceMesh, curves: &[JunctionCurve]) -> io::Result<()> {
-    // Points are those of the curves only, ascending by vertex id.
+/// Writes curves to the VTK file `path`, whole or not at all; `position` tells where a vertex of
+/// theirs lies (world, mm).
+///
+/// # Errors
+/// [`ExportError`] naming `path`; [`ExportError::Pieces`] if the position of a vertex is not known.
+pub fn write_curves(
+    path: &Path,
+    position: impl Fn(u32) -> Option<DVec3>,
+    curves: &[JunctionCurve],
+) -> Result<(), ExportError> {
+    let (points, place) = points(position, curves).map_err(|v| ExportError::Pieces {
+        path: path.to_owned(),
+        what: format!("a curve names vertex {v}, whose position is not known"),
+    })?;
+    write_atomically(path, |out| write(out, &points, place, curves))
+}
+
+/// The points of the curves, ascending by vertex id, and where in them a vertex is; or the first vertex
+/// whose position is not known.
+fn points(
+    position: impl Fn(u32) -> Option<DVec3>,
+    curves: &[JunctionCurve],
+) -> Result<(Vec<DVec3>, impl Fn(u32) -> usize), u32> {
     let mut ids: Vec<u32> = curves.iter().flat_map(|c| c.vertices.iter().copied()).collect();
     ids.sort_unstable();
     ids.dedup();
-    let place = |v: u32| ids.partition_point(|&id| id < v);
+    let points = ids.iter().map(|&v| position(v).ok_or(v)).collect::<Result<_, _>>()?;
+    Ok((points, move |v| ids.partition_point(|&id| id < v)))
+}
+
+fn write(
+    out: &mut impl Write,
+    points: &[DVec3],
+    place: impl Fn(u32) -> usize,
+    curves: &[JunctionCurve],
+) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0")?;
     writeln!(out, "interfacet {} junction curves, unit mm", env!("CARGO_PKG_VERSION"))?;
-    writeln!(out, "ASCII\nDATASET POLYDATA\nPOINTS {} double", ids.len())?;
-    for &v in &ids {
-        let p = mesh.positions()[v as usize];
+    writeln!(out, "ASCII\nDATASET POLYDATA\nPOINTS {} double", points.len())?;
+    for p in points {
         writeln!(out, "{} {} {}", p.x, p.y, p.z)?;
     }
     let length = |c: &JunctionCurve| c.vertices.len() + usize::from(c.closed);
@@ -88,6 +116,9 @@ mod tests {
         assert!(text.contains("LINES 1 6\n5 0 "), "{text}");
         assert!(text.contains("CELL_DATA 1\nFIELD curves 8\ncurve 1 1 int\n0\n"));
         assert!(text.contains("length_mm 1 1 double\n4\n"));
+        let first = m.positions()[0];
+        let error = write_curves(&path, |v| (v < 2).then_some(first), &junctions(&m).curves).unwrap_err();
+        assert!(matches!(error, ExportError::Pieces { .. }), "{error}");
         // No curves are no error.
         write_junctions(&path, &m, &[]).unwrap();
     }

@@ -6,7 +6,7 @@
 //! configurable names; a file without labels is read as one material, 1, in air.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader, Cursor, Read};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use glam::DVec3;
@@ -17,6 +17,7 @@ use ply_rs_bw::ply::{
 };
 
 use super::ExportError;
+use super::ply_decode::{self, Layout};
 use super::read::{Labels, Raw, ReadOptions, bounded};
 use crate::grid::VertexKind;
 
@@ -27,14 +28,16 @@ const MAX_HEADER: usize = 1 << 20;
 pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) -> Result<Raw, ExportError> {
     let bad = |what: String| ExportError::malformed(path, "PLY", what);
     let mut input = BufReader::with_capacity(1 << 18, file);
-    let (text, line_end, used) = header_text(&mut input).map_err(&bad)?;
-    let mut cursor = Reader::new(Cursor::new(&text));
-    let header =
-        Parser::<Skipped>::new().read_header(&mut cursor).map_err(|e| bad(bounded(&e.to_string())))?;
-    check_names(&text, &header).map_err(&bad)?;
-    check_counts(&header, length.saturating_sub(used)).map_err(&bad)?;
-
-    let mut raw = Raw { materials: material_comments(&header), ..Raw::default() };
+    let Start { header, line_end, used } = start(&mut input, length).map_err(&bad)?;
+    let materials = material_comments(&header);
+    if let Some(layout) = Layout::recognise(&header, used, length, options) {
+        if let Some(raw) = ply_decode::read(input.get_ref(), &layout, &materials) {
+            return Ok(raw);
+        }
+        let back = input.seek(SeekFrom::Start(used));
+        back.map_err(|source| ExportError::Read { path: path.to_owned(), source })?;
+    }
+    let mut raw = Raw { materials, ..Raw::default() };
     let (mut seen_vertex, mut seen_face) = (false, false);
     let mut payload = Payload { input, encoding: header.encoding, line_end, line: Vec::new() };
     for (_, element) in &header.elements {
@@ -67,6 +70,24 @@ pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) 
         )));
     }
     Ok(raw)
+}
+
+/// What a file begins with.
+pub(super) struct Start {
+    pub(super) header: Header,
+    line_end: u8,
+    /// Bytes that the header takes.
+    pub(super) used: u64,
+}
+
+/// Reads the header of a file of `length` bytes and checks what it promises.
+pub(super) fn start(input: &mut BufReader<File>, length: u64) -> Result<Start, String> {
+    let (text, line_end, used) = header_text(input)?;
+    let mut cursor = Reader::new(Cursor::new(&text));
+    let header = Parser::<Skipped>::new().read_header(&mut cursor).map_err(|e| bounded(&e.to_string()))?;
+    check_names(&text, &header)?;
+    check_counts(&header, length.saturating_sub(used))?;
+    Ok(Start { header, line_end, used })
 }
 
 /// The header with plain line feeds, the file's line end, and how many bytes the header takes.
@@ -146,7 +167,8 @@ fn check_counts(header: &Header, available: u64) -> Result<(), String> {
     Ok(())
 }
 
-fn material_comments(header: &Header) -> Vec<(u8, String, f64)> {
+/// Id, name and mean of the materials that comments list.
+pub(super) fn material_comments(header: &Header) -> Vec<(u8, String, f64)> {
     let material = |comment: &String| {
         let rest = comment.trim().strip_prefix("material ")?;
         let (id, rest) = rest.trim().split_once(' ')?;

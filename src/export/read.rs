@@ -5,6 +5,7 @@ use std::io::{Read, Seek};
 use std::path::Path;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::{ExportError, ply_read, stl_read};
 use crate::grid::{MaterialId, Pair, VertexKind};
@@ -128,7 +129,7 @@ impl Raw {
         let mut materials = self.materials;
         let mut known = [false; 256];
         materials.retain(|m| !std::mem::replace(&mut known[usize::from(m.0)], true));
-        for id in pairs.iter().flat_map(|p| [p.back(), p.front()]) {
+        for id in named(&pairs) {
             if id != MaterialId::OUTSIDE && !std::mem::replace(&mut known[usize::from(id.0)], true) {
                 let name = if id == MaterialId::BACKGROUND {
                     "air".to_owned()
@@ -145,12 +146,13 @@ impl Raw {
             .collect();
         // A bad index must be refused before kinds are looked up by it.
         let n = self.positions.len();
-        if let Some(t) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
+        let is_bad = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= n);
+        if let Some(t) = self.triangles.par_iter().position_first(is_bad) {
             let vertex = self.triangles[t].into_iter().find(|&v| v as usize >= n).unwrap_or(0);
             let source = crate::mesh::MeshError::Index { triangle: t, vertex, vertices: n };
             return Err(ExportError::Mesh { path: path.to_owned(), source });
         }
-        let kinds = if self.kinds.iter().all(Option::is_some) && self.kinds.len() == n {
+        let kinds = if self.kinds.par_iter().all(Option::is_some) && self.kinds.len() == n {
             self.kinds.into_iter().flatten().collect()
         } else {
             let mut kinds = kinds_from_labels(n, &self.triangles, &pairs);
@@ -162,6 +164,18 @@ impl Raw {
         InterfaceMesh::new(self.positions, kinds, self.triangles, pairs, materials)
             .map_err(|source| ExportError::Mesh { path: path.to_owned(), source })
     }
+}
+
+/// All materials that pairs name, ascending.
+fn named(pairs: &[Pair]) -> Vec<MaterialId> {
+    let none = || vec![false; 256];
+    let seen = pairs.par_iter().fold(none, |mut seen, pair| {
+        seen[usize::from(pair.back().0)] = true;
+        seen[usize::from(pair.front().0)] = true;
+        seen
+    });
+    let seen = seen.reduce(none, |a, b| a.iter().zip(b).map(|(a, b)| a | b).collect());
+    (0..=255).filter(|&id| seen[usize::from(id)]).map(MaterialId).collect()
 }
 
 #[allow(clippy::float_cmp)] // a label is a whole number or it is none

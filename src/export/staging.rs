@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
-use tempfile::{Builder, TempDir};
+use tempfile::{Builder, TempDir, TempPath};
 
 use super::ExportError;
 
@@ -98,31 +98,66 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), ExportError> {
-    let folder = parent(path)?;
     let failed = |source| ExportError::writing(path, source);
-    let mut builder = Builder::new();
-    builder.prefix(PREFIX).suffix(".tmp");
-    // Without this the result would be readable by its owner only, unlike any other file.
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o666));
-    }
-    let (aside, listed) =
-        Listed::make(|| builder.tempfile_in(&folder), |file| file.path()).map_err(failed)?;
-    let (file, aside) = aside.into_parts();
+    let (staged, file) = StagedFile::create(path)?;
     let mut out = BufWriter::with_capacity(1 << 20, file);
     write(&mut out).map_err(failed)?;
     let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
-    file.sync_all().map_err(failed)?;
-    drop(file);
-    let mut all = unfinished();
-    let placed = aside.persist(path).map_err(|e| failed(e.error));
-    if placed.is_ok() {
-        all.remove(&listed.0);
+    staged.commit(file)
+}
+
+/// A file in the making, beside its final path. [`StagedFile::commit`] puts it in place; dropped
+/// without that, it is removed.
+#[derive(Debug)]
+pub(super) struct StagedFile {
+    // Before `listed`: it must be gone from the disk before it is gone from the list.
+    aside: TempPath,
+    listed: Listed,
+    target: PathBuf,
+}
+
+impl StagedFile {
+    /// Begins the file `target`; what is to be in it goes into the file returned.
+    pub(super) fn create(target: &Path) -> Result<(Self, File), ExportError> {
+        let folder = parent(target)?;
+        let mut builder = Builder::new();
+        builder.prefix(PREFIX).suffix(".tmp");
+        // Without this the result would be readable by its owner only, unlike any other file.
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let (aside, listed) = Listed::make(|| builder.tempfile_in(&folder), |file| file.path())
+            .map_err(|e| ExportError::writing(target, e))?;
+        let (file, aside) = aside.into_parts();
+        Ok((Self { aside, listed, target: target.to_owned() }, file))
     }
-    drop(all);
-    placed
+
+    /// A file without a name in the same folder, gone when it is closed.
+    pub(super) fn scratch(&self) -> Result<File, ExportError> {
+        let folder = parent(&self.target)?;
+        tempfile::tempfile_in(folder).map_err(|e| ExportError::writing(&self.target, e))
+    }
+
+    /// The final path.
+    pub(super) fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// Puts the file in place once it is on disk.
+    pub(super) fn commit(self, file: File) -> Result<(), ExportError> {
+        let Self { aside, listed, target } = self;
+        file.sync_all().map_err(|e| ExportError::writing(&target, e))?;
+        drop(file);
+        let mut all = unfinished();
+        let placed = aside.persist(&target).map_err(|e| ExportError::writing(&target, e.error));
+        if placed.is_ok() {
+            all.remove(&listed.0);
+        }
+        drop(all);
+        placed
+    }
 }
 
 /// The folder that will hold `path`.

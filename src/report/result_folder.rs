@@ -12,7 +12,7 @@ use crate::execution::{Cancelled, Execution};
 use crate::export::{
     ExportError, PlyOptions, RESULT_MARK, write_atomically, write_junctions, write_ply, write_stl,
 };
-use crate::grid::{Geometry, MaterialId};
+use crate::grid::MaterialId;
 use crate::mesh::{JunctionCurve, MeshError, split};
 use crate::pipeline::Extraction;
 
@@ -33,14 +33,6 @@ pub enum ResultError {
     Cancelled(#[from] Cancelled),
 }
 
-/// How fine the coordinates of a volume's mesh have to be. Rounding to `float` keeps the order of
-/// coordinates, and so the cells' vertices in their cells, only where the lattice lies along the
-/// world's axes; any other lattice gets `double`.
-fn ply_options(geometry: &Geometry) -> PlyOptions {
-    let finest = geometry.spacing().into_iter().fold(f64::INFINITY, f64::min);
-    PlyOptions::new(if geometry.is_along_axes() { finest } else { 0.0 })
-}
-
 /// Writes the result of an extraction into `folder`, which must exist:
 ///
 /// - `assembly.ply`: the labelled mesh;
@@ -59,9 +51,9 @@ pub fn write_result(
     execution: &Execution,
 ) -> Result<(), ResultError> {
     let mesh = &extraction.mesh;
-    let options = ply_options(&extraction.geometry);
+    let options = PlyOptions::for_volume(&extraction.geometry);
     let stage = execution.stage("writing", mesh.materials().len() as u64 + 3);
-    write_ply(&folder.join("assembly.ply"), mesh, &options)?;
+    write_ply(&folder.join("assembly.ply"), mesh, options)?;
     stage.advance(1);
     let shells = folder.join("materials");
     std::fs::create_dir(&shells).map_err(|e| ExportError::writing(&shells, e))?;
@@ -73,7 +65,7 @@ pub fn write_result(
         }
         let stem = format!("{}_{}", material.id.0, material.name);
         write_stl(&shells.join(format!("{stem}.stl")), &shell, &material.name)?;
-        write_ply(&shells.join(format!("{stem}.ply")), &shell.to_mesh(mesh, material.id)?, &options)?;
+        write_ply(&shells.join(format!("{stem}.ply")), &shell.to_mesh(mesh, material.id)?, options)?;
         stage.advance(1);
     }
     execution.check()?;

@@ -1,0 +1,168 @@
+//! Tests of the PLY writers, with the reader.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::export::{Coordinates, PlyEncoding, ReadOptions, read_mesh};
+use crate::mesh::fixtures::{materials, parts, voxel_faces};
+use crate::mesh::{kinds_from_labels, split};
+
+const ENCODINGS: [PlyEncoding; 3] =
+    [PlyEncoding::BinaryLittleEndian, PlyEncoding::BinaryBigEndian, PlyEncoding::Ascii];
+
+fn sample(offset: f64, step: f64) -> InterfaceMesh {
+    let m = voxel_faces([2, 2, 1], &[1, 2, 3, 0], 255);
+    let (p, t, pairs) = parts(&m);
+    let p: Vec<DVec3> = p.iter().map(|&p| p * step + offset).collect();
+    let kinds = kinds_from_labels(p.len(), &t, &pairs);
+    let mut materials = materials();
+    materials[2].name = "stainless steel, 1.4301".to_owned();
+    InterfaceMesh::new(p, kinds, t, pairs, materials).unwrap()
+}
+
+/// A mesh whose triangles and vertices are in the order of layers, cut after the given shares of its
+/// triangles, as a run over slabs would leave it.
+pub(crate) fn pieces(mesh: &InterfaceMesh, cuts: &[usize]) -> Vec<MeshPiece> {
+    let (p, t, pairs) = parts(mesh);
+    let mut bounds: Vec<usize> = cuts.iter().map(|c| c % (t.len() + 1)).collect();
+    bounds.extend([0, t.len()]);
+    bounds.sort_unstable();
+    let lowest = |from: usize| t[from..].iter().flatten().min().map_or(p.len(), |&v| v as usize);
+    let mut top = 0;
+    bounds
+        .windows(2)
+        .enumerate()
+        .map(|(k, range)| {
+            let (start, end) = (range[0], range[1]);
+            let first = if k == 0 { 0 } else { lowest(start).min(p.len()) };
+            let next = if end == t.len() { p.len() } else { lowest(end) };
+            let highest = t[start..end].iter().flatten().max().map_or(0, |&v| v as usize + 1);
+            top = highest.max(next).max(top);
+            let local = t[start..end].iter().map(|t| t.map(|v| v - first as u32)).collect();
+            let mesh = InterfaceMesh::new(
+                p[first..top].to_vec(),
+                mesh.kinds()[first..top].to_vec(),
+                local,
+                pairs[start..end].to_vec(),
+                mesh.materials().to_vec(),
+            );
+            let mesh = mesh.unwrap();
+            MeshPiece {
+                last_layer: [next - first, 0],
+                owned: next - first,
+                first_vertex: first as u64,
+                first_triangle: start as u64,
+                mesh,
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn every_encoding_reads_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.ply");
+    for encoding in ENCODINGS {
+        // Exact in f32; and one that is not, near an origin far away.
+        for (offset, step, word) in [(0.5, 0.25, "float"), (123_456.789, 0.001, "double")] {
+            let m = sample(offset, step);
+            write_ply(&path, &m, PlyOptions { encoding, ..PlyOptions::for_mesh(&m, step) }).unwrap();
+            let text = std::fs::read(&path).unwrap();
+            let head = String::from_utf8_lossy(&text[..600]).into_owned();
+            assert!(head.contains(&format!("property {word} x\n")), "{head}");
+            assert!(head.contains("comment unit mm\n"));
+            assert!(head.contains("comment material 2 stainless steel, 1.4301 100\n"));
+            assert_eq!(read_mesh(&path, &ReadOptions::default()).unwrap(), m);
+        }
+    }
+}
+
+#[test]
+fn a_name_cannot_break_the_header() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.ply");
+    let m = sample(0.0, 1.0);
+    let mut materials = m.materials().to_vec();
+    materials[1].name = "two\nend_header\r\nlines".to_owned();
+    let (p, t, pairs) = parts(&m);
+    let m = InterfaceMesh::new(p, m.kinds().to_vec(), t, pairs, materials).unwrap();
+    write_ply(&path, &m, PlyOptions::default()).unwrap();
+    let back = read_mesh(&path, &ReadOptions::default()).unwrap();
+    assert_eq!(back.triangles(), m.triangles());
+    assert_eq!(back.materials()[1].name, "two end_header  lines");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+    #[test]
+    fn the_bytes_do_not_depend_on_the_pieces(
+        labels in prop::collection::vec(0u8..4, 24),
+        cuts in prop::collection::vec(0usize..500, 0..6),
+        double: bool,
+    ) {
+        let mesh = voxel_faces([3, 2, 4], &labels, 255);
+        let folder = tempfile::tempdir().unwrap();
+        let [whole, cut] = ["whole.ply", "cut.ply"].map(|name| folder.path().join(name));
+        let coordinates = if double { Coordinates::Double } else { Coordinates::Float };
+        for encoding in ENCODINGS {
+            let options = PlyOptions { coordinates, encoding };
+            write_ply(&whole, &mesh, options).unwrap();
+            let mut out = PlyStream::create(&cut, mesh.materials(), options).unwrap();
+            for piece in pieces(&mesh, &cuts) {
+                out.add(&piece).unwrap();
+            }
+            out.finish(&Execution::default()).unwrap();
+            prop_assert!(std::fs::read(&whole).unwrap() == std::fs::read(&cut).unwrap());
+        }
+    }
+}
+
+#[test]
+fn pieces_that_do_not_follow_each_other_are_refused_and_leave_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.ply");
+    let mesh = sample(0.0, 1.0);
+    let all = pieces(&mesh, &[10, 20]);
+    let create = || PlyStream::create(&path, mesh.materials(), PlyOptions::default()).unwrap();
+    let mut out = create();
+    out.add(&all[0]).unwrap();
+    assert!(matches!(out.add(&all[2]), Err(ExportError::Pieces { .. })));
+    assert!(matches!(out.finish(&Execution::default()), Err(ExportError::Pieces { .. })));
+    let mut out = create();
+    out.add(&all[0]).unwrap();
+    let execution = Execution::default();
+    execution.cancel_flag().store(true, std::sync::atomic::Ordering::Relaxed);
+    let mut whole = create();
+    whole.add(&MeshPiece::whole(mesh.clone())).unwrap();
+    assert!(matches!(whole.finish(&execution), Err(ExportError::Cancelled(_))));
+    // More vertices than there can be are refused when they come, not when they have been written.
+    let mut far = all[0].clone();
+    far.first_vertex = MOST_VERTICES - 3;
+    out.counts = [far.first_vertex, 0];
+    far.first_triangle = 0;
+    let error = out.add(&far).unwrap_err();
+    assert!(error.to_string().contains("2147483647"), "{error}");
+    drop(out);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_shell_in_portions_is_the_shell_as_a_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, cut] = ["whole.ply", "cut.ply"].map(|name| folder.path().join(name));
+    let mesh = sample(0.0, 1.0);
+    let (id, options) = (MaterialId(2), PlyOptions::default());
+    let shell = split(&mesh, id);
+    let as_mesh = shell.to_mesh(&mesh, id).unwrap();
+    write_ply(&whole, &as_mesh, options).unwrap();
+    let mut out = ShellPlyStream::create(&cut, mesh.materials(), id, options).unwrap();
+    let (positions, kinds) = (as_mesh.positions(), as_mesh.kinds());
+    // The first triangle names vertices that come with the second portion.
+    out.add(&positions[..1], &kinds[..1], &shell.triangles[..1]).unwrap();
+    assert!(out.add(&positions[1..], &kinds[..1], &[]).is_err());
+    out.add(&positions[1..], &kinds[1..], &shell.triangles[1..]).unwrap();
+    out.finish(&Execution::default()).unwrap();
+    assert!(std::fs::read(&whole).unwrap() == std::fs::read(&cut).unwrap());
+    let air = ShellPlyStream::create(&cut, mesh.materials(), MaterialId::BACKGROUND, options);
+    assert!(matches!(air, Err(ExportError::Pieces { .. })));
+}
