@@ -122,10 +122,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     println!("\nbefore and after that, once:");
     let mut clock = Clock::start();
-    let found = find_materials(&samples, size, None)?;
+    let found = find_materials(slab, None)?;
     let means: Vec<f64> = found.table.materials().iter().map(|m| m.mean).collect();
     println!("find materials      {:8.3} s: {means:.0?}", clock.lap());
-    let blur = estimate_blur(&samples, &geometry, &found.table);
+    let blur = estimate_blur(slab, &geometry, &found.table);
     println!("estimate blur       {:8.3} s: R {:.2?}", clock.lap(), blur.radius);
     let mesh = InterfaceMesh::from_patch(patch, &geometry, MeshMaterial::from_table(&table))?;
     println!("to the world        {:8.3} s: {} triangles", clock.lap(), mesh.triangles().len());

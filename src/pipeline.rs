@@ -9,11 +9,11 @@ use crate::contour::{Border, ContourError, Midpoints, Thresholds};
 use crate::execution::{Cancelled, CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, check_count, check_present,
-    estimate_blur, find_materials, measure_statistics, radius_per_axis,
+    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, Survey, check_count, estimate_blur,
+    radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshError, MeshMaterial};
-use crate::volume::{Sample, Samples, Slab, VolumeError, VolumeSource};
+use crate::volume::{Sample, Slab, VolumeError, VolumeSource};
 use crate::with_samples;
 
 /// What to make of a volume.
@@ -186,10 +186,10 @@ fn from_greys<S: Sample>(
     let slab = Slab::whole(samples, size);
     let stage = execution.stage("finding materials", 0);
     let Found { table: materials, rejected } =
-        costs.measure("materials", || choose_materials(samples, size, choice))?;
+        costs.measure("materials", || choose_materials(|given| Ok(Survey::of(slab, given)?), choice))?;
     let blur = costs.measure("blur", || match options.radius {
         Some(radius) => Blur::given(radius, &geometry),
-        None => estimate_blur(samples, &geometry, &materials),
+        None => estimate_blur(slab, &geometry, &materials),
     });
     drop(stage);
     let classified = |blur: &Blur, costs: &mut CostLog| {
@@ -270,45 +270,30 @@ fn from_labels<S: Sample>(
     Ok(Extraction { geometry, materials, rejected, blur, classification, voxels, mesh, costs })
 }
 
-/// The materials of a grey volume, found or as given, with their noise measured.
+/// The materials of a grey volume, found or as given, with their noise measured. `survey` surveys it, for
+/// the materials given if they are.
 fn choose_materials<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
+    survey: impl FnOnce(Option<&MaterialTable>) -> Result<Survey<S>, VolumeError>,
     choice: &MaterialChoice,
 ) -> Result<Found, PipelineError> {
     match choice {
         MaterialChoice::Given(given) => {
             let table = table_of(given)?;
-            check_present(samples, &table)?;
-            Ok(Found { table: measure_statistics(samples, size, table), rejected: Vec::new() })
+            let survey = survey(Some(&table))?;
+            survey.check_present()?;
+            Ok(Found { table: survey.measure_statistics(table), rejected: Vec::new() })
         }
         MaterialChoice::Find { count, names } => {
-            let mut found = find_materials(samples, size, *count)?;
+            let mut found = survey(None)?.find_materials(*count)?;
             if !names.is_empty() {
                 found.table = found.table.renamed(names)?;
             }
             Ok(found)
         }
-        MaterialChoice::Labels => Ok(find_materials(samples, size, None)?),
+        MaterialChoice::Labels => Ok(survey(None)?.find_materials(None)?),
     }
 }
 
 fn table_of(given: &[NamedGrey]) -> Result<MaterialTable, MaterialTableError> {
     MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))
-}
-
-/// The materials and the blur that [`extract`] would use, without extracting.
-///
-/// # Errors
-/// As [`extract`].
-pub fn survey(
-    samples: &Samples,
-    geometry: &Geometry,
-    choice: &MaterialChoice,
-) -> Result<(Found, Blur), PipelineError> {
-    with_samples!(samples, values => {
-        let found = choose_materials(values, geometry.size(), choice)?;
-        let blur = estimate_blur(values, geometry, &found.table);
-        Ok((found, blur))
-    })
 }

@@ -9,10 +9,9 @@ use serde::Serialize;
 use super::input::InputArgs;
 use crate::execution::Execution;
 use crate::grid::Geometry;
-use crate::material::{Blur, Found};
-use crate::pipeline::{MaterialChoice, survey};
-use crate::volume::{Sample, SampleType, Samples, VolumeSource};
-use crate::with_samples;
+use crate::material::{Blur, Found, GreyCounts, Survey, read_blur};
+use crate::volume::{Sample, SampleType, SampleWindow, VolumeSource};
+use crate::with_sample_type;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -36,13 +35,9 @@ pub(crate) struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     let source = args.input.open()?;
-    let stage = execution.stage("reading", 0);
-    let samples = source.read_all()?;
-    drop(stage);
     let stage = execution.stage("looking at grey values", 0);
-    let grey = Grey::measure(&samples);
-    execution.check()?;
-    let materials = Materials::survey(&samples, source.geometry());
+    let (grey, materials) =
+        with_sample_type!(source.sample_type(), S => look::<S>(source.as_ref(), execution))?;
     drop(stage);
     execution.check()?;
     let info = Info::new(args.input.input.display().to_string(), source.as_ref(), grey, materials);
@@ -62,6 +57,29 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Looks at a volume slab by slab, in a few passes.
+fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(Grey, Materials)> {
+    /// Bytes of a slab: small beside what a survey keeps. Less than four of them are held at once, so that
+    /// a stream need not be decompressed again.
+    const SLAB: usize = 1 << 24;
+    let geometry = source.geometry();
+    let [width, height, depth] = geometry.size();
+    let slice = width * height * size_of::<S>();
+    let thickness = if slice <= 4 * SLAB / depth { depth } else { SLAB / slice };
+    let mut window = SampleWindow::<S>::new(source, execution)?;
+    let survey = Survey::read(&mut window, None, thickness)?;
+    let grey = Grey::new(survey.counts());
+    let materials = match survey.find_materials(None) {
+        Ok(materials) => {
+            drop(survey);
+            let blur = read_blur(&mut window, geometry, &materials.table, thickness)?;
+            Materials::Found { materials, blur }
+        }
+        Err(error) => Materials::NotFound { reason: error.to_string() },
+    };
+    Ok((grey, materials))
+}
+
 /// The materials that an extraction would find, or why it would find none.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -71,13 +89,6 @@ enum Materials {
 }
 
 impl Materials {
-    fn survey(samples: &Samples, geometry: &Geometry) -> Self {
-        match survey(samples, geometry, &MaterialChoice::default()) {
-            Ok((materials, blur)) => Self::Found { materials, blur },
-            Err(error) => Self::NotFound { reason: error.to_string() },
-        }
-    }
-
     fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let (found, blur) = match self {
             Self::NotFound { reason } => return writeln!(out, "\nno materials: {reason}"),
@@ -164,67 +175,32 @@ struct Grey {
 impl Grey {
     /// Bins of the histogram that is kept.
     const BINS: usize = 256;
-    /// Bins in which values are counted: one per value of a 16-bit type, so everything derived is
-    /// exact for integers, and percentiles are good to 1/65536 of the range for others.
-    const FINE: usize = 1 << 16;
 
-    fn measure(samples: &Samples) -> Self {
-        let integer = samples.sample_type() != SampleType::F32;
-        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-        if integer {
-            let low = if samples.sample_type() == SampleType::I16 { -32768.0 } else { 0.0 };
-            range = [low, low + (Self::FINE - 1) as f64];
-        } else {
-            with_samples!(samples, values => for v in values {
-                let v = f64::from(v.to_f32());
-                range = [range[0].min(v), range[1].max(v)];
-            });
-        }
-        let width = if integer { 1.0 } else { (range[1] - range[0]) / (Self::FINE - 1) as f64 };
-        // Of a constant volume everything falls into bin 0.
-        let scale = if width > 0.0 { 1.0 / width } else { 0.0 };
-        let mut counts = vec![0_u64; Self::FINE];
-        // Sums of differences to a value inside the range: no cancellation for far offsets.
-        let (mut sum, mut squares) = (0.0, 0.0);
-        let middle = if integer { 0.0 } else { 0.5 * (range[0] + range[1]) };
-        with_samples!(samples, values => for v in values {
-            let v = f64::from(v.to_f32());
-            counts[(((v - range[0]) * scale).round() as usize).min(Self::FINE - 1)] += 1;
-            sum += v - middle;
-            squares += (v - middle) * (v - middle);
-        });
-        Self::from_counts(&counts, range[0], width, middle, [sum, squares])
-    }
-
-    /// Statistics from counts of the values `low + i * width`, and sums of `value - middle` and its
-    /// square.
-    fn from_counts(counts: &[u64], low: f64, width: f64, middle: f64, [sum, squares]: [f64; 2]) -> Self {
-        let total: u64 = counts.iter().sum();
-        let value = |i: usize| low + i as f64 * width;
-        let first = counts.iter().position(|&c| c > 0).unwrap_or(0);
-        let last = counts.iter().rposition(|&c| c > 0).unwrap_or(0);
+    /// Exact for integers; percentiles are good to 1/65536 of the range for others.
+    fn new(counts: &GreyCounts) -> Self {
+        let total = counts.total();
         let percentile = |percent: f64| {
             // The smallest value that at least this share of the voxels does not exceed.
             let rank = ((percent / 100.0 * total as f64).ceil() as u64).max(1);
             let mut below = 0;
-            let at = counts.iter().position(|&c| {
-                below += c;
+            let at = counts.iter().find(|(_, count)| {
+                below += count;
                 below >= rank
             });
-            value(at.unwrap_or(last))
+            at.map_or(f64::from(counts.high), |(value, _)| value)
         };
-        let n = total as f64;
-        let mean = sum / n;
-        let mut histogram = vec![0; Self::BINS.min(last - first + 1)];
+        let values = counts.iter().count();
+        let mut histogram = vec![0; Self::BINS.min(values)];
         let bins = histogram.len();
-        for (i, &count) in counts.iter().enumerate().take(last + 1).skip(first) {
-            histogram[(i - first) * bins / (last - first + 1)] += count;
+        for (i, (_, count)) in counts.iter().enumerate() {
+            histogram[i * bins / values] += count;
         }
+        let (mean, standard_deviation) = counts.mean_and_deviation();
         Self {
-            min: value(first),
-            max: value(last),
-            mean: middle + mean,
-            standard_deviation: (squares / n - mean * mean).max(0.0).sqrt(),
+            min: counts.low.into(),
+            max: counts.high.into(),
+            mean,
+            standard_deviation,
             percentile_1: percentile(1.0),
             percentile_50: percentile(50.0),
             percentile_99: percentile(99.0),
@@ -352,9 +328,13 @@ fn bytes(value: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::{Samples, Slab};
 
     fn measure(samples: Samples) -> Grey {
-        Grey::measure(&samples)
+        let size = [samples.len(), 1, 1];
+        crate::with_samples!(&samples, values => {
+            Grey::new(Survey::of(Slab::whole(values, size), None).unwrap().counts())
+        })
     }
 
     #[test]

@@ -11,13 +11,15 @@
 //! The sigma found includes the averaging over a voxel. The radius of the "estimated spherical
 //! Gaussian kernel" is taken as R = [`RADIUS_PER_SIGMA`] sigma.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::sampling::{interior_grid, position};
+use super::sampling::{POINTS, SampleGrid, steps};
 use super::table::MaterialTable;
 use crate::grid::Geometry;
-use crate::volume::Sample;
+use crate::volume::{Sample, SampleWindow, Slab, VolumeError};
 
 /// R in units of sigma.
 ///
@@ -97,48 +99,102 @@ pub fn radius_per_axis(radius: f64, geometry: &Geometry) -> [f64; 3] {
     geometry.spacing().map(|s| radius * geometry.voxel_edge() / s)
 }
 
-/// Estimates the blur of a volume (x fastest).
+/// Slices that a look for profiles must see on both sides of those it looks at.
+pub const BLUR_HALO: usize = REACH + 1;
+
+/// Estimates the blur of a volume in memory.
+///
+/// # Panics
+/// If the slab does not hold all slices.
 #[must_use]
-pub fn estimate_blur<S: Sample>(samples: &[S], geometry: &Geometry, materials: &MaterialTable) -> Blur {
-    let size = geometry.size();
-    let spacing = geometry.spacing();
-    let edge = geometry.voxel_edge();
-    let grid = interior_grid(size, 4_000_000);
-    let mut sigmas: Vec<f64> = grid
-        .par_iter()
-        .flat_map_iter(|&voxel| {
-            (0..3).filter_map(move |axis| profile(samples, size, spacing, materials, voxel, axis))
-        })
-        .map(|profile| fit_sigma(&profile) / edge)
-        .collect();
-    let (profiles, middle) = (sigmas.len(), sigmas.len() / 2);
-    let sigma = (profiles >= MIN_PROFILES).then(|| *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
-    // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
-    let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
-    Blur {
-        sigma_mm: sigma.map(|s| s * edge),
-        profiles,
-        radius: radius_per_axis(radius, geometry).map(|r| r.min(MAX_RADIUS)),
-        lowered_from: None,
+pub fn estimate_blur<S: Sample>(slab: Slab<'_, S>, geometry: &Geometry, materials: &MaterialTable) -> Blur {
+    let mut sigmas = Sigmas::new(geometry, materials);
+    steps(slab.size()).for_each(|core| sigmas.add(slab, core));
+    sigmas.blur()
+}
+
+/// Estimates the blur of a volume in one pass of a window on it, by slabs of `thickness` slices (and
+/// [`BLUR_HALO`]).
+///
+/// # Errors
+/// [`VolumeError`] if the volume cannot be read.
+pub fn read_blur<S: Sample>(
+    window: &mut SampleWindow<'_, S>,
+    geometry: &Geometry,
+    materials: &MaterialTable,
+    thickness: usize,
+) -> Result<Blur, VolumeError> {
+    let mut sigmas = Sigmas::new(geometry, materials);
+    window.sweep(thickness, BLUR_HALO, |slab, core| {
+        sigmas.add(slab, core);
+        Ok::<_, VolumeError>(())
+    })?;
+    Ok(sigmas.blur())
+}
+
+/// The sigmas (in voxels of mean edge length) of the clean profiles through the points of the grid.
+struct Sigmas<'a> {
+    geometry: &'a Geometry,
+    materials: &'a MaterialTable,
+    grid: SampleGrid,
+    sigmas: Vec<f64>,
+}
+
+impl<'a> Sigmas<'a> {
+    fn new(geometry: &'a Geometry, materials: &'a MaterialTable) -> Self {
+        let grid = SampleGrid::new(geometry.size(), POINTS);
+        Self { geometry, materials, grid, sigmas: Vec::new() }
+    }
+
+    /// Adds the profiles through the points in the slices `core`.
+    fn add<S: Sample>(&mut self, slab: Slab<'_, S>, core: Range<usize>) {
+        let Self { geometry, materials, grid, sigmas } = self;
+        let (materials, grid): (&MaterialTable, &SampleGrid) = (materials, grid);
+        let (spacing, edge) = (geometry.spacing(), geometry.voxel_edge());
+        let [across, down, _] = grid.points;
+        let planes = grid.within(core);
+        sigmas.par_extend((0..down * planes.len()).into_par_iter().flat_map_iter(|i| {
+            let (y, z) = (grid.at(i % down), grid.at(planes.start + i / down));
+            (0..across).flat_map(move |i| (0..3).map(move |axis| ([grid.at(i), y, z], axis))).filter_map(
+                move |(voxel, axis)| Some(fit_sigma(&profile(slab, spacing, materials, voxel, axis)?) / edge),
+            )
+        }));
+    }
+
+    /// The blur, from the median.
+    fn blur(mut self) -> Blur {
+        let edge = self.geometry.voxel_edge();
+        let (profiles, middle) = (self.sigmas.len(), self.sigmas.len() / 2);
+        let sigma =
+            (profiles >= MIN_PROFILES).then(|| *self.sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
+        // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
+        let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
+        Blur {
+            sigma_mm: sigma.map(|s| s * edge),
+            profiles,
+            radius: radius_per_axis(radius, self.geometry).map(|r| r.min(MAX_RADIUS)),
+            lowered_from: None,
+        }
     }
 }
 
 /// The profile through `voxel` along `axis`, if the voxel is the last one before a clean crossing.
 fn profile<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
+    slab: Slab<'_, S>,
     spacing: [f64; 3],
     materials: &MaterialTable,
     voxel: [usize; 3],
     axis: usize,
 ) -> Option<Profile> {
-    if voxel[axis] < REACH || voxel[axis] + REACH + 1 >= size[axis] {
+    if voxel[axis] < REACH || voxel[axis] + REACH + 1 >= slab.size()[axis] {
         return None;
     }
-    let stride = [1, size[0], size[0] * size[1]];
-    let at = position(size, voxel);
-    let grey = |i: usize| f64::from(samples[i].to_f32());
-    let along = |d: isize| grey(at.wrapping_add_signed(d * stride[axis] as isize));
+    let step = |a: usize, d: isize| {
+        let mut voxel = voxel;
+        voxel[a] = voxel[a].wrapping_add_signed(d);
+        f64::from(slab.grey(voxel))
+    };
+    let along = |d: isize| step(axis, d);
     let (first, last) = (along(-(REACH as isize)), along(REACH as isize));
     let contrast = last - first;
     let half = 0.5 * (first + last);
@@ -161,8 +217,7 @@ fn profile<S: Sample>(
     {
         return None;
     }
-    let gradient: [f64; 3] =
-        std::array::from_fn(|a| (grey(at + stride[a]) - grey(at - stride[a])) / (2.0 * spacing[a]));
+    let gradient: [f64; 3] = std::array::from_fn(|a| (step(a, 1) - step(a, -1)) / (2.0 * spacing[a]));
     let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
     let cosine = gradient[axis].abs() / norm;
     if cosine.is_nan() || cosine < MIN_COSINE {
@@ -181,13 +236,22 @@ fn profile<S: Sample>(
 fn fit_sigma(profile: &Profile) -> f64 {
     let misfit =
         |sigma: f64| profile.iter().map(|&(mm, u)| (u - normal_cdf(mm / sigma)).powi(2)).sum::<f64>();
-    // Golden-section search; the misfit has one minimum in sigma.
+    // Golden-section search; the misfit has one minimum in sigma. Of the two inner places one was an
+    // inner place before, so its misfit is known.
     let ratio = 0.5 * (5f64.sqrt() - 1.0);
     let length = profile[REACH + 1].0 - profile[REACH].0;
     let (mut low, mut high) = (0.05 * length, 4.0 * length);
+    let inner = |low: f64, high: f64| [high - ratio * (high - low), low + ratio * (high - low)];
+    let mut values = inner(low, high).map(misfit);
     while high - low > 1e-3 * length {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if misfit(a) < misfit(b) { high = b } else { low = a }
+        let [a, b] = inner(low, high);
+        if values[0] < values[1] {
+            high = b;
+            values = [misfit(inner(low, high)[0]), values[0]];
+        } else {
+            low = a;
+            values = [values[1], misfit(inner(low, high)[1])];
+        }
     }
     0.5 * (low + high)
 }
@@ -216,7 +280,7 @@ mod tests {
                 })
                 .collect();
             let table = MaterialTable::new([("air", 4000.0), ("al", 11600.0)]).unwrap();
-            let blur = estimate_blur(&samples, &geometry, &table);
+            let blur = estimate_blur(Slab::whole(&samples, size), &geometry, &table);
             let found = blur.sigma_mm.unwrap();
             assert!((found / sigma - 1.0).abs() < 0.04, "{found} for {sigma}, {} profiles", blur.profiles);
             assert!((blur.radius[0] / blur.radius[2] - 1.25).abs() < 1e-9);
@@ -227,7 +291,7 @@ mod tests {
     fn without_profiles_the_usual_radius_is_taken() {
         let geometry = Geometry::axis_aligned([20; 3], [1.0; 3]).unwrap();
         let table = MaterialTable::new([("air", 0.0), ("al", 10.0)]).unwrap();
-        let blur = estimate_blur(&[0u8; 8000], &geometry, &table);
+        let blur = estimate_blur(Slab::whole(&[0u8; 8000], [20; 3]), &geometry, &table);
         assert_eq!((blur.sigma_mm, blur.profiles), (None, 0));
         assert!((blur.radius[0] - DEFAULT_RADIUS).abs() < 1e-9);
     }

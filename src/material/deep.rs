@@ -9,12 +9,10 @@
 
 use rayon::prelude::*;
 
-use super::sampling::position;
+use super::neighbourhood::{DEPTH, Neighbourhood, class_ranges};
+use super::sampling::{class_of, thresholds};
 use crate::volume::Sample;
 
-/// Largest depth asked for: past 2.5 sigma of the usual blur less than 1 % of a step is left.
-/// Deeper voxels would favour the middle of thick parts, which cupping darkens.
-const MAX_DEPTH: usize = 3;
 /// Fewest voxels to take a mean from; fewer than this, and less deep ones are taken.
 const MIN_VOXELS: u64 = 100;
 /// Smallest share of the voxels deep to 1.
@@ -31,6 +29,11 @@ pub(super) struct Moments {
 }
 
 impl Moments {
+    /// Of no voxels yet.
+    pub(super) fn about(base: f64) -> Self {
+        Self { base, ..Self::default() }
+    }
+
     /// Their mean; `None` without voxels.
     pub(super) fn mean(&self) -> Option<f64> {
         (self.voxels > 0).then(|| self.base + self.sum / self.voxels as f64)
@@ -42,14 +45,14 @@ impl Moments {
         (self.voxels > 1).then(|| (self.squares / n - (self.sum / n).powi(2)).max(0.0).sqrt())
     }
 
-    fn add(&mut self, grey: f64) {
+    pub(super) fn add(&mut self, grey: f64) {
         let d = grey - self.base;
         self.voxels += 1;
         self.sum += d;
         self.squares += d * d;
     }
 
-    fn merge(&mut self, other: &Self) {
+    pub(super) fn merge(&mut self, other: &Self) {
         self.voxels += other.voxels;
         self.sum += other.sum;
         self.squares += other.squares;
@@ -57,35 +60,21 @@ impl Moments {
 }
 
 /// For each class around `greys` (ascending, thresholds halfway between): the moments of its deepest
-/// voxels among those of `grid`, which has interior voxels of a volume of `size` (x fastest).
-pub(super) fn deep_statistics<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
-    grid: &[[usize; 3]],
-    greys: &[f64],
-) -> Vec<Moments> {
-    let thresholds: Vec<f32> = greys.windows(2).map(|w| (0.5 * (w[0] + w[1])) as f32).collect();
-    let class_of = |v: f32| thresholds.iter().filter(|&&t| v >= t).count();
-    let depth_of = |voxel: [usize; 3], own: usize| {
-        // Where the volume ends nothing is known, so no voxel is deeper than its distance from there.
-        let room = (0..3).map(|a| voxel[a].min(size[a] - 1 - voxel[a])).fold(MAX_DEPTH, usize::min);
-        (1..=room)
-            .take_while(|&d| shell(voxel, d).all(|p| class_of(samples[position(size, p)].to_f32()) == own))
-            .count()
-    };
-    let fresh = || -> Vec<[Moments; MAX_DEPTH]> {
-        greys.iter().map(|&base| [Moments { base, ..Moments::default() }; MAX_DEPTH]).collect()
-    };
+/// voxels among `points`.
+pub(super) fn deep_statistics<S: Sample>(points: &[Neighbourhood<S>], greys: &[f64]) -> Vec<Moments> {
+    let thresholds = thresholds(greys);
+    let ranges = class_ranges(&thresholds);
+    let fresh =
+        || -> Vec<[Moments; DEPTH]> { greys.iter().map(|&base| [Moments::about(base); DEPTH]).collect() };
     // Fixed chunks, summed in order: the same sums for any number of threads.
-    let parts: Vec<_> = grid
+    let parts: Vec<_> = points
         .par_chunks(1 << 14)
         .map(|chunk| {
             let mut found = fresh();
-            for &voxel in chunk {
-                let grey = samples[position(size, voxel)].to_f32();
-                let own = class_of(grey);
-                for moments in &mut found[own][..depth_of(voxel, own)] {
-                    moments.add(f64::from(grey));
+            for point in chunk {
+                let own = class_of(&thresholds, point.grey);
+                for moments in &mut found[own][..point.depth(ranges[own])] {
+                    moments.add(f64::from(point.grey.to_f32()));
                 }
             }
             found
@@ -106,18 +95,11 @@ pub(super) fn deep_statistics<S: Sample>(
         .collect()
 }
 
-/// The 26 voxels `d` steps away.
-fn shell(voxel: [usize; 3], d: usize) -> impl Iterator<Item = [usize; 3]> {
-    (0..27usize).filter(|&i| i != 13).map(move |i| {
-        let steps = [i % 3, i / 3 % 3, i / 9];
-        std::array::from_fn(|a| voxel[a] + steps[a] * d - d)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::material::sampling::interior_grid;
+    use crate::material::Survey;
+    use crate::volume::Slab;
 
     /// A slab of the upper material, `width` voxels thick, with soft sides.
     fn slab(width: f64) -> Vec<Moments> {
@@ -129,7 +111,8 @@ mod tests {
                 (100.0 + 900.0 * (smooth(x + 0.5 * width) - smooth(x - 0.5 * width))) as f32
             })
             .collect();
-        deep_statistics(&samples, size, &interior_grid(size, 1 << 20), &[100.0, 1000.0])
+        let survey = Survey::of(Slab::whole(&samples, size), None).unwrap();
+        deep_statistics(&survey.points, &[100.0, 1000.0])
     }
 
     #[test]

@@ -18,15 +18,19 @@
 //! closer than about 4 % of the range, or that occur only in parts thinner than three voxels, are
 //! not told apart; name them with `--material`.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::counts::GreyCounts;
 use super::deep::deep_statistics;
 use super::histogram::Histogram;
-use super::sampling::{interior_grid, neighbourhood, position};
+use super::neighbourhood::{Neighbourhood, class_ranges};
+use super::sampling::{class_of, thresholds};
+use super::survey::{OutOfMemory, Survey};
 use super::table::{MaterialTable, MaterialTableError};
 use crate::grid::MaterialId;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// Share of a material's voxels that must be surrounded by their own class. On the scans tried,
 /// blurred interfaces reach 0.2 to 2 %, the thinnest real material (valve guides about eight voxels
@@ -38,8 +42,6 @@ const BINS: usize = 256;
 const SMOOTHING: f64 = 3.0;
 /// How far a mode must rise above its valleys, as a natural logarithm.
 const PROMINENCE: f64 = 0.25;
-/// Voxels looked at.
-const SAMPLES: usize = 4_000_000;
 /// A class darker than air is an artefact if it has less than this share of air's voxels.
 const DARKER_THAN_AIR: f64 = 0.05;
 
@@ -94,9 +96,21 @@ pub enum FindError {
         /// The largest.
         high: f32,
     },
+    /// There is no memory for what must be kept of the volume.
+    #[error("{bytes} bytes of memory to look for materials are not available")]
+    Memory {
+        /// Bytes asked for.
+        bytes: usize,
+    },
     /// The means found make no table.
     #[error(transparent)]
     Table(#[from] MaterialTableError),
+}
+
+impl From<OutOfMemory> for FindError {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::Memory { bytes }
+    }
 }
 
 /// A mode that was not taken for a material, and why.
@@ -121,12 +135,12 @@ pub struct Found {
 
 /// A class during the search.
 #[derive(Debug, Clone, Copy, Default)]
-struct Class {
-    grey: f64,
-    voxels: f64,
-    border: f64,
-    inside: f64,
-    sum: f64,
+pub(super) struct Class {
+    pub(super) grey: f64,
+    pub(super) voxels: f64,
+    pub(super) border: f64,
+    pub(super) inside: f64,
+    pub(super) sum: f64,
 }
 
 /// Whether a number of materials can be looked for.
@@ -141,29 +155,67 @@ pub fn check_count(count: Option<usize>) -> Result<(), FindError> {
     }
 }
 
-/// Finds the materials of a volume (x fastest); `count` asks for a number of them.
+/// Finds the materials of a volume in memory; `count` asks for a number of them. See
+/// [`Survey::find_materials`] for one that is read slab by slab.
 ///
 /// # Errors
 /// [`FindError`] says why there are none and what to do.
-pub fn find_materials<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
-    count: Option<usize>,
-) -> Result<Found, FindError> {
+///
+/// # Panics
+/// If the slab does not hold all slices.
+pub fn find_materials<S: Sample>(slab: Slab<'_, S>, count: Option<usize>) -> Result<Found, FindError> {
     check_count(count)?;
-    let constant = || FindError::Constant { value: samples.first().map_or(0.0, |v| v.to_f32()) };
-    let plain = Histogram::of(samples, 4096).ok_or_else(constant)?;
-    let grid = interior_grid(size, SAMPLES);
-    if grid.is_empty() {
-        return Err(FindError::TooSmall { size });
+    Survey::of(slab, None)?.find_materials(count)
+}
+
+impl<S: Sample> Survey<S> {
+    /// Finds the materials of the volume surveyed; `count` asks for a number of them.
+    ///
+    /// # Errors
+    /// [`FindError`] says why there are none and what to do.
+    pub fn find_materials(&self, count: Option<usize>) -> Result<Found, FindError> {
+        find(self, count)
     }
-    let weighted = homogeneous_histogram(samples, size, &grid, &plain).smoothed(SMOOTHING);
+
+    /// Checks that each material given is the nearest by grey value to at least one voxel. One that is
+    /// not was mistyped or belongs to another scan, and would silently be missing from the mesh.
+    ///
+    /// # Errors
+    /// [`FindError::Absent`] names it.
+    pub fn check_present(&self) -> Result<(), FindError> {
+        let Some((table, _, seen)) = &self.given else { return Ok(()) };
+        let GreyCounts { low, high, .. } = self.counts;
+        match table.materials().iter().zip(seen).find(|(_, seen)| !**seen) {
+            Some((m, _)) => Err(FindError::Absent { name: m.name.clone(), mean: m.mean, low, high }),
+            None => Ok(()),
+        }
+    }
+
+    /// The table with noise sigma and number of inside voxels measured for materials whose mean grey
+    /// values were given. No voxels where the volume is too small for it.
+    #[must_use]
+    pub fn measure_statistics(&self, table: MaterialTable) -> MaterialTable {
+        let greys: Vec<f64> = table.materials().iter().map(|m| m.mean).collect();
+        let deep = deep_statistics(&self.points, &greys);
+        let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
+        table.with_statistics(&statistics)
+    }
+}
+
+fn find<S: Sample>(survey: &Survey<S>, count: Option<usize>) -> Result<Found, FindError> {
+    check_count(count)?;
+    let constant = || FindError::Constant { value: survey.counts.low };
+    let plain = survey.counts.histogram(4096).ok_or_else(constant)?;
+    if survey.points.is_empty() {
+        return Err(FindError::TooSmall { size: survey.size });
+    }
+    let weighted = homogeneous_histogram(&survey.points, &plain).smoothed(SMOOTHING);
     let mut greys: Vec<f64> = weighted.modes(PROMINENCE).into_iter().map(|bin| weighted.value(bin)).collect();
     let mut rejected = Vec::new();
     if count.is_some_and(|n| greys.len() < n) {
         greys = weighted.otsu_means(count.unwrap_or(2));
     }
-    let mut classes = measure(samples, size, &grid, &greys);
+    let mut classes = measure(survey, &greys);
     let share = |c: &Class| c.inside / c.voxels.max(1.0);
     while classes.len() > 1 {
         let weakest = (0..classes.len())
@@ -178,7 +230,7 @@ pub fn find_materials<S: Sample>(
         }
         reject(&mut rejected, &classes[weakest], "too few of its voxels are surrounded by their own kind");
         greys.remove(weakest);
-        classes = measure(samples, size, &grid, &greys);
+        classes = measure(survey, &greys);
     }
     if count.is_none() {
         while classes.len() > 2 {
@@ -189,58 +241,17 @@ pub fn find_materials<S: Sample>(
             }
             reject(&mut rejected, &classes[0], "darker than the air at the volume's border and much rarer");
             greys.remove(0);
-            classes = measure(samples, size, &grid, &greys);
+            classes = measure(survey, &greys);
         }
     }
     if classes.len() < 2 {
         return Err(FindError::One { mean: classes.first().map_or(plain.low, mean) });
     }
-    let deep = deep_statistics(samples, size, &grid, &greys);
+    let deep = deep_statistics(&survey.points, &greys);
     let means = deep.iter().zip(&classes).map(|(d, c)| d.mean().unwrap_or(c.grey));
     let table = MaterialTable::new((0..deep.len()).map(default_name).zip(means))?;
     let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
     Ok(Found { table: table.with_statistics(&statistics), rejected })
-}
-
-/// Checks that each material given is the nearest by grey value to at least one voxel. One that is
-/// not was mistyped or belongs to another scan, and would silently be missing from the mesh.
-///
-/// # Errors
-/// [`FindError::Absent`] names it.
-pub fn check_present<S: Sample>(samples: &[S], table: &MaterialTable) -> Result<(), FindError> {
-    use rayon::prelude::*;
-    let materials = table.materials();
-    let thresholds: Vec<f32> = materials.windows(2).map(|w| (0.5 * (w[0].mean + w[1].mean)) as f32).collect();
-    let fresh = || (vec![false; materials.len()], f32::INFINITY, f32::NEG_INFINITY);
-    let (seen, low, high) = samples
-        .par_chunks(1 << 16)
-        .fold(fresh, |(mut seen, mut low, mut high), chunk| {
-            for v in chunk {
-                let v = v.to_f32();
-                seen[thresholds.partition_point(|&t| v >= t)] = true;
-                (low, high) = (low.min(v), high.max(v));
-            }
-            (seen, low, high)
-        })
-        .reduce(fresh, |(mut seen, low, high), (other, l, h)| {
-            seen.iter_mut().zip(other).for_each(|(a, b)| *a |= b);
-            (seen, low.min(l), high.max(h))
-        });
-    match materials.iter().zip(seen).find(|(_, seen)| !seen) {
-        Some((m, _)) => Err(FindError::Absent { name: m.name.clone(), mean: m.mean, low, high }),
-        None => Ok(()),
-    }
-}
-
-/// The table with noise sigma and number of inside voxels measured in a volume (x fastest) for
-/// materials whose mean grey values were given. Unchanged where the volume is too small for it.
-#[must_use]
-pub fn measure_statistics<S: Sample>(samples: &[S], size: [usize; 3], table: MaterialTable) -> MaterialTable {
-    let grid = interior_grid(size, SAMPLES);
-    let greys: Vec<f64> = table.materials().iter().map(|m| m.mean).collect();
-    let deep = deep_statistics(samples, size, &grid, &greys);
-    let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
-    table.with_statistics(&statistics)
 }
 
 /// The name of material `id` when nobody gave one.
@@ -249,73 +260,81 @@ pub fn default_name(id: usize) -> String {
     if id == usize::from(MaterialId::BACKGROUND.0) { "air".into() } else { format!("material{id}") }
 }
 
-fn reject(rejected: &mut Vec<Rejected>, class: &Class, reason: &str) {
+pub(super) fn reject(rejected: &mut Vec<Rejected>, class: &Class, reason: &str) {
     let inside_share = class.inside / class.voxels.max(1.0);
     rejected.push(Rejected { grey: class.grey, inside_share, reason: reason.into() });
 }
 
-fn mean(class: &Class) -> f64 {
+pub(super) fn mean(class: &Class) -> f64 {
     if class.inside > 0.0 { class.sum / class.inside } else { class.grey }
 }
 
 /// The histogram in which homogeneous neighbourhoods weigh most. Its range leaves out the rarest
 /// grey values (one in 10^5 at each end), which outliers would stretch.
-fn homogeneous_histogram<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
-    grid: &[[usize; 3]],
-    plain: &Histogram,
-) -> Histogram {
-    use rayon::prelude::*;
-    let around = neighbourhood(size);
-    let local: Vec<(f32, f32)> = grid
-        .par_iter()
-        .map(|&voxel| {
-            let at = position(size, voxel);
-            let centre = samples[at].to_f32();
-            // Differences from the centre keep the variance exact for large grey values.
-            let (sum, squares) = around.iter().fold((0.0f64, 0.0f64), |(s, q), &o| {
-                let d = f64::from(samples[at.wrapping_add_signed(o)].to_f32() - centre);
-                (s + d, q + d * d)
-            });
-            (centre, (squares / 27.0 - (sum / 27.0).powi(2)).max(0.0) as f32)
-        })
-        .collect();
+fn homogeneous_histogram<S: Sample>(points: &[Neighbourhood<S>], plain: &Histogram) -> Histogram {
     let (low, high) = (plain.quantile(1e-5), plain.quantile(1.0 - 1e-5));
     let (low, high) = if high > low { (low, high) } else { (plain.low, plain.high) };
     let mut out = Histogram::new(low, high, BINS);
-    let mut variances: Vec<f32> = local.iter().map(|l| l.1).collect();
-    let quarter = variances.len() / 4;
-    let v0 =
-        f64::from(*variances.select_nth_unstable_by(quarter, f32::total_cmp).1).max(out.bin_width().powi(2));
-    for (grey, variance) in local {
-        let bin = out.bin(f64::from(grey));
-        out.counts[bin] += (1.0 + f64::from(variance) / v0).powi(-2);
+    let v0 = f64::from(lower_quartile(points)).max(out.bin_width().powi(2));
+    // Weights are worked out by all threads, a block at a time, and added in order.
+    for block in points.chunks(1 << 18) {
+        let weigh = |point: &Neighbourhood<S>| {
+            let weight = (1.0 + f64::from(point.variance) / v0).powi(-2);
+            (out.bin(f64::from(point.grey.to_f32())), weight)
+        };
+        let weights: Vec<(usize, f64)> = block.par_iter().map(weigh).collect();
+        for (bin, weight) in weights {
+            out.counts[bin] += weight;
+        }
     }
     out
 }
 
+/// The variance that a quarter of the points stays below.
+fn lower_quartile<S: Sample>(points: &[Neighbourhood<S>]) -> f32 {
+    // Positive numbers ascend as their bits do: the upper half of the bits first, then the lower.
+    let mut rank = points.len() / 4;
+    let mut upper = None;
+    for _ in 0..2 {
+        let mut counts = vec![0_usize; 1 << 16];
+        for bits in points.iter().map(|p| p.variance.to_bits()) {
+            match upper {
+                None => counts[(bits >> 16) as usize] += 1,
+                Some(upper) if bits >> 16 == upper => counts[(bits & 0xffff) as usize] += 1,
+                Some(_) => {}
+            }
+        }
+        let mut half = 0;
+        while half + 1 < counts.len() && rank >= counts[half] {
+            rank -= counts[half];
+            half += 1;
+        }
+        match upper {
+            None => upper = Some(half as u32),
+            Some(upper) => return f32::from_bits(upper << 16 | half as u32),
+        }
+    }
+    0.0
+}
+
 /// Statistics of the classes around `greys` (ascending), with thresholds halfway between them.
-fn measure<S: Sample>(samples: &[S], size: [usize; 3], grid: &[[usize; 3]], greys: &[f64]) -> Vec<Class> {
-    use rayon::prelude::*;
-    let thresholds: Vec<f32> = greys.windows(2).map(|w| (0.5 * (w[0] + w[1])) as f32).collect();
-    let class_of = |v: f32| thresholds.iter().filter(|&&t| v >= t).count();
-    let around = neighbourhood(size);
+fn measure<S: Sample>(survey: &Survey<S>, greys: &[f64]) -> Vec<Class> {
+    let thresholds = thresholds(greys);
+    let ranges = class_ranges(&thresholds);
     let fresh = || greys.iter().map(|&grey| Class { grey, ..Class::default() }).collect::<Vec<_>>();
     // Fixed chunks, summed in order: the same sums for any number of threads.
-    let parts: Vec<Vec<Class>> = grid
+    let parts: Vec<Vec<Class>> = survey
+        .points
         .par_chunks(1 << 14)
         .map(|chunk| {
             let mut classes = fresh();
-            for &voxel in chunk {
-                let at = position(size, voxel);
-                let v = samples[at].to_f32();
-                let own = class_of(v);
+            for point in chunk {
+                let own = class_of(&thresholds, point.grey);
                 let class = &mut classes[own];
                 class.voxels += 1.0;
-                if around.iter().all(|&o| class_of(samples[at.wrapping_add_signed(o)].to_f32()) == own) {
+                if point.depth(ranges[own]) > 0 {
                     class.inside += 1.0;
-                    class.sum += f64::from(v);
+                    class.sum += f64::from(point.grey.to_f32());
                 }
             }
             classes
@@ -329,14 +348,8 @@ fn measure<S: Sample>(samples: &[S], size: [usize; 3], grid: &[[usize; 3]], grey
             t.sum += p.sum;
         }
     }
-    for z in 0..size[2] {
-        for y in 0..size[1] {
-            let on_side = z == 0 || z + 1 == size[2] || y == 0 || y + 1 == size[1];
-            let xs = if on_side { (0..size[0]).collect() } else { vec![0, size[0] - 1] };
-            for x in xs {
-                total[class_of(samples[position(size, [x, y, z])].to_f32())].border += 1.0;
-            }
-        }
+    for &v in &survey.border {
+        total[class_of(&thresholds, v)].border += 1.0;
     }
     total
 }
@@ -364,7 +377,7 @@ mod tests {
     #[test]
     fn materials_are_found_and_ramps_are_not() {
         let (samples, size) = blocks(&[10.0, 60.0, 200.0, 10.0], 16);
-        let found = find_materials(&samples, size, None).unwrap();
+        let found = find_materials(Slab::whole(&samples, size), None).unwrap();
         let means: Vec<f64> = found.table.materials().iter().map(|m| m.mean).collect();
         assert_eq!(means.len(), 3, "{found:?}");
         for (mean, expected) in means.iter().zip([10.0, 60.0, 200.0]) {
@@ -376,28 +389,35 @@ mod tests {
     fn a_wanted_number_of_materials_is_given() {
         let (samples, size) = blocks(&[10.0, 60.0, 200.0, 10.0], 16);
         for n in 2..=5 {
-            assert_eq!(find_materials(&samples, size, Some(n)).unwrap().table.count(), n);
+            assert_eq!(find_materials(Slab::whole(&samples, size), Some(n)).unwrap().table.count(), n);
         }
-        assert!(matches!(find_materials(&samples, size, Some(1)), Err(FindError::Count { .. })));
+        assert!(matches!(find_materials(Slab::whole(&samples, size), Some(1)), Err(FindError::Count { .. })));
     }
 
     #[test]
     fn a_material_that_no_voxel_is_nearest_to_is_named() {
         let table = |greys: [f64; 3]| MaterialTable::new(["a", "b", "c"].into_iter().zip(greys)).unwrap();
+        let check = |samples: &[u8], greys| {
+            let slab = Slab::whole(samples, [samples.len(), 1, 1]);
+            Survey::of(slab, Some(&table(greys))).unwrap().check_present()
+        };
         let samples: Vec<u8> = (0..100).map(|i| [10, 100][i % 2]).collect();
         for (greys, absent) in
             [([10.0, 100.0, 250.0], "c"), ([-900.0, 10.0, 100.0], "a"), ([10.0, 50.0, 100.0], "b")]
         {
-            let error = check_present(&samples, &table(greys)).unwrap_err();
+            let error = check(&samples, greys).unwrap_err();
             assert!(matches!(&error, FindError::Absent { name, .. } if name == absent), "{error}");
         }
-        assert!(check_present(&[10u8, 60, 100], &table([10.0, 50.0, 100.0])).is_ok());
+        assert!(check(&[10u8, 60, 100], [10.0, 50.0, 100.0]).is_ok());
     }
 
     #[test]
     fn constant_and_single_material_volumes_are_named() {
-        assert!(matches!(find_materials(&[7u8; 1000], [10; 3], None), Err(FindError::Constant { .. })));
+        assert!(matches!(
+            find_materials(Slab::whole(&[7u8; 1000], [10; 3]), None),
+            Err(FindError::Constant { .. })
+        ));
         let (samples, size) = blocks(&[10.0], 24);
-        assert!(matches!(find_materials(&samples, size, None), Err(FindError::One { .. })));
+        assert!(matches!(find_materials(Slab::whole(&samples, size), None), Err(FindError::One { .. })));
     }
 }

@@ -1,9 +1,6 @@
 //! The grey histogram of a volume, and modes and thresholds in it.
 
-use rayon::prelude::*;
 use serde::Serialize;
-
-use crate::volume::Sample;
 
 /// Counts of grey values in equal bins between `low` and `high`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,26 +18,6 @@ impl Histogram {
     #[must_use]
     pub fn new(low: f64, high: f64, bins: usize) -> Self {
         Self { low, high, counts: vec![0.0; bins] }
-    }
-
-    /// The histogram of all samples between their smallest and largest value; `None` if there are
-    /// no two different finite values.
-    #[must_use]
-    pub fn of<S: Sample>(samples: &[S], bins: usize) -> Option<Self> {
-        let (low, high) = range(samples)?;
-        let empty = || vec![0u64; bins];
-        let scale = bins as f64 / (high - low);
-        let counts = samples
-            .par_chunks(1 << 16)
-            .fold(empty, |mut counts, chunk| {
-                for v in chunk {
-                    let bin = (f64::from(v.to_f32()) - low) * scale;
-                    counts[(bin.max(0.0) as usize).min(bins - 1)] += 1;
-                }
-                counts
-            })
-            .reduce(empty, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect());
-        Some(Self { low, high, counts: counts.into_iter().map(|c| c as f64).collect() })
     }
 
     /// Width of a bin.
@@ -159,20 +136,6 @@ impl Histogram {
     }
 }
 
-/// Smallest and largest value; `None` if they are the same or not finite.
-fn range<S: Sample>(samples: &[S]) -> Option<(f64, f64)> {
-    let (low, high) = samples
-        .par_chunks(1 << 16)
-        .map(|chunk| {
-            chunk.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
-                let v = v.to_f32();
-                (low.min(v), high.max(v))
-            })
-        })
-        .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
-    (low.is_finite() && high.is_finite() && low < high).then_some((f64::from(low), f64::from(high)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,13 +154,5 @@ mod tests {
         let means = h.otsu_means(2);
         assert!((means[0] - 41.0).abs() < 1.0 && (means[1] - 141.0).abs() < 1.0, "{means:?}");
         assert!((h.quantile(0.5) - h.quantile(0.49999)).abs() < 0.1);
-    }
-
-    #[test]
-    fn every_sample_is_counted_once() {
-        let samples: Vec<u16> = (0..1000).map(|i| i * 13 % 701).collect();
-        let h = Histogram::of(&samples, 64).unwrap();
-        assert!((h.counts.iter().sum::<f64>() - 1000.0).abs() < 1e-9);
-        assert!(Histogram::of(&[5u8; 9], 64).is_none());
     }
 }

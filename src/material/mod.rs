@@ -1,16 +1,22 @@
 //! Which grey value is which material: the histogram, the materials found in it, the scan's blur.
 
 mod blur;
+mod counts;
 mod deep;
 mod find;
 mod histogram;
+mod neighbourhood;
+#[cfg(test)]
+mod reference;
 mod sampling;
+mod survey;
 mod table;
 
-pub use blur::{Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis};
-pub use find::{
-    FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, check_present, default_name, find_materials,
-    measure_statistics,
+pub use blur::{
+    BLUR_HALO, Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis, read_blur,
 };
+pub use counts::GreyCounts;
+pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, default_name, find_materials};
 pub use histogram::Histogram;
+pub use survey::{OutOfMemory, SURVEY_HALO, Survey, survey_bytes};
 pub use table::{Material, MaterialTable, MaterialTableError};

@@ -4,11 +4,13 @@
 //! that has already checked the length of an uncompressed file may reserve at once.
 
 use bytemuck::Pod;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::finite::check_finite;
+use super::finite::check_values;
 use super::{SampleType, Samples, VolumeError};
 use crate::grid::VoxelBox;
+use crate::with_samples;
 
 /// Order of the bytes of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -51,67 +53,77 @@ impl SwapBytes for f32 {
     }
 }
 
-/// Collects the rows of one box, in order.
-pub(crate) struct Collector {
-    samples: Samples,
-    /// Samples of the whole box.
-    needed: usize,
+/// Collects the rows of one box, in order, behind samples that are there already.
+pub(crate) struct Collector<'a> {
+    samples: &'a mut Samples,
+    /// Samples that were there before.
+    start: usize,
+    /// Samples there will be in the end.
+    end: usize,
     part: VoxelBox,
 }
 
-impl Collector {
-    /// An empty collector for the samples of `part`.
-    pub(crate) fn new(sample: SampleType, part: &VoxelBox) -> Self {
-        let samples = match sample {
-            SampleType::U8 => Samples::U8(Vec::new()),
-            SampleType::U16 => Samples::U16(Vec::new()),
-            SampleType::I16 => Samples::I16(Vec::new()),
-            SampleType::F32 => Samples::F32(Vec::new()),
-        };
-        Self { samples, needed: part.size().iter().product(), part: *part }
+impl<'a> Collector<'a> {
+    /// Collects the samples of `part`, of type `sample`, behind those of `out`.
+    pub(crate) fn new(
+        sample: SampleType,
+        part: &VoxelBox,
+        out: &'a mut Samples,
+    ) -> Result<Self, VolumeError> {
+        if out.sample_type() != sample {
+            return Err(VolumeError::Type { wanted: out.sample_type(), actual: sample });
+        }
+        let start = out.len();
+        let end = start.saturating_add(part.size().iter().product());
+        Ok(Self { samples: out, start, end, part: *part })
     }
 
     /// Makes room for the whole box at once. Only for callers that know the bytes to be there.
     pub(crate) fn reserve_all(&mut self) -> Result<(), VolumeError> {
-        let needed = self.needed;
-        match &mut self.samples {
-            Samples::U8(v) => reserve(v, needed),
-            Samples::U16(v) => reserve(v, needed),
-            Samples::I16(v) => reserve(v, needed),
-            Samples::F32(v) => reserve(v, needed),
-        }
+        let end = self.end;
+        with_samples!(self.samples, v => reserve(v, end))
     }
 
     /// Appends whole samples, given in byte order `endian`.
     pub(crate) fn push(&mut self, bytes: &[u8], endian: Endian) -> Result<(), VolumeError> {
-        let swap = endian != Endian::NATIVE;
-        match &mut self.samples {
-            Samples::U8(v) => append(v, bytes, false, self.needed),
-            Samples::U16(v) => append(v, bytes, swap, self.needed),
-            Samples::I16(v) => append(v, bytes, swap, self.needed),
-            Samples::F32(v) => append(v, bytes, swap, self.needed),
-        }
+        let (swap, end) = (endian != Endian::NATIVE, self.end);
+        with_samples!(self.samples, v => append(v, bytes, swap, end))
     }
 
-    /// The samples, once all rows of the box were pushed.
-    pub(crate) fn finish(self) -> Result<Samples, VolumeError> {
-        debug_assert_eq!(self.samples.len(), self.needed, "a reader left rows out");
-        check_finite(&self.samples, &self.part)?;
-        Ok(self.samples)
+    /// Lets `read(position, bytes)` fill the samples of the whole box, which `position` counts in
+    /// bytes from its first one, a block at a time from all threads. Only for callers that know the
+    /// bytes to be there.
+    pub(crate) fn fill(
+        &mut self,
+        endian: Endian,
+        read: impl Fn(u64, &mut [u8]) -> Result<(), VolumeError> + Sync,
+    ) -> Result<(), VolumeError> {
+        let (swap, end) = (endian != Endian::NATIVE, self.end);
+        with_samples!(self.samples, v => fill(v, end, swap, &read))
+    }
+
+    /// Checks the samples, once all rows of the box were pushed.
+    pub(crate) fn finish(self) -> Result<(), VolumeError> {
+        debug_assert_eq!(self.samples.len(), self.end, "a reader left rows out");
+        match &*self.samples {
+            Samples::F32(values) => check_values(&values[self.start..], &self.part),
+            _ => Ok(()),
+        }
     }
 }
 
-fn reserve<T>(v: &mut Vec<T>, total: usize) -> Result<(), VolumeError> {
+/// Makes room for `total` samples.
+pub(super) fn reserve<T>(v: &mut Vec<T>, total: usize) -> Result<(), VolumeError> {
     v.try_reserve_exact(total.saturating_sub(v.len()))
         .map_err(|_| VolumeError::Memory { bytes: total.saturating_mul(size_of::<T>()) })
 }
 
-fn append<T: SwapBytes>(v: &mut Vec<T>, bytes: &[u8], swap: bool, needed: usize) -> Result<(), VolumeError> {
+fn append<T: SwapBytes>(v: &mut Vec<T>, bytes: &[u8], swap: bool, total: usize) -> Result<(), VolumeError> {
     let start = v.len();
     let end = start + bytes.len() / size_of::<T>();
     if end > v.capacity() {
         // Twice as much each time, but not beyond what the box will need in the end.
-        reserve(v, end.max((2 * v.capacity()).min(needed)))?;
+        reserve(v, end.max((2 * v.capacity()).min(total)))?;
     }
     v.resize(end, T::zeroed());
     bytemuck::cast_slice_mut::<T, u8>(&mut v[start..])
@@ -122,6 +134,32 @@ fn append<T: SwapBytes>(v: &mut Vec<T>, bytes: &[u8], swap: bool, needed: usize)
     Ok(())
 }
 
+fn fill<T: SwapBytes + Send>(
+    v: &mut Vec<T>,
+    end: usize,
+    swap: bool,
+    read: &(impl Fn(u64, &mut [u8]) -> Result<(), VolumeError> + Sync),
+) -> Result<(), VolumeError> {
+    /// Bytes read at a time: enough to make system calls cheap.
+    const BLOCK: usize = 1 << 20;
+    let start = v.len();
+    if v.capacity() == 0 {
+        // The system hands out zeroed pages only when they are touched, which all threads then do.
+        let zeroed = bytemuck::allocation::try_zeroed_slice_box(end);
+        *v = zeroed.map_err(|()| VolumeError::Memory { bytes: end.saturating_mul(size_of::<T>()) })?.into();
+    } else {
+        reserve(v, end)?;
+        v.resize(end, T::zeroed());
+    }
+    v[start..].par_chunks_mut(BLOCK / size_of::<T>()).enumerate().try_for_each(|(i, block)| {
+        read((i * BLOCK) as u64, bytemuck::cast_slice_mut(block))?;
+        if swap {
+            block.iter_mut().for_each(|x| *x = x.swapped());
+        }
+        Ok(())
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,9 +168,11 @@ mod tests {
     fn both_byte_orders_give_the_same_samples() {
         let part = VoxelBox::whole([2, 1, 1]);
         let collect = |sample, endian, bytes: &[u8]| {
-            let mut c = Collector::new(sample, &part);
+            let mut out = Samples::none(sample);
+            let mut c = Collector::new(sample, &part, &mut out).unwrap();
             c.push(bytes, endian).unwrap();
-            c.finish().unwrap()
+            c.finish().unwrap();
+            out
         };
         assert_eq!(collect(SampleType::U8, Endian::Big, &[1, 2]), Samples::U8(vec![1, 2]));
         let little = collect(SampleType::I16, Endian::Little, &[0xfe, 0xff, 1, 2]);

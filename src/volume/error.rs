@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 use super::SampleType;
+use crate::execution::Cancelled;
 use crate::grid::{GeometryError, VoxelBox};
 
 /// The formats that [`super::open()`] knows, as shown to a user.
@@ -206,6 +207,17 @@ pub enum VolumeError {
         /// Bytes asked for.
         bytes: usize,
     },
+    /// Samples wanted as another number type than they have: a mistake of the program.
+    #[error("the samples are of type {actual}, but were asked for as {wanted}")]
+    Type {
+        /// The type asked for.
+        wanted: SampleType,
+        /// The type that they have.
+        actual: SampleType,
+    },
+    /// Stopped from outside, between two reads.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 /// What to do about an error of the system.

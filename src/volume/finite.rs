@@ -10,6 +10,11 @@ use crate::grid::VoxelBox;
 /// [`VolumeError::NotFinite`] with their number and the index of the first one.
 pub fn check_finite(samples: &Samples, part: &VoxelBox) -> Result<(), VolumeError> {
     let Samples::F32(values) = samples else { return Ok(()) };
+    check_values(values, part)
+}
+
+/// As [`check_finite`], of values known to be `f32`.
+pub(super) fn check_values(values: &[f32], part: &VoxelBox) -> Result<(), VolumeError> {
     let Some(i) = values.iter().position(|v| !v.is_finite()) else { return Ok(()) };
     let count = values[i..].iter().filter(|v| !v.is_finite()).count();
     let [x, y, _] = part.size();

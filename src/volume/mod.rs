@@ -20,9 +20,11 @@ mod region;
 mod respaced;
 mod samples;
 mod slab;
+mod slices;
 mod source;
 mod stream;
 mod tiff;
+mod window;
 
 pub use collect::Endian;
 pub use error::VolumeError;
@@ -33,4 +35,6 @@ pub use region::RegionOfInterest;
 pub use respaced::Respaced;
 pub use samples::{Sample, SampleType, Samples};
 pub use slab::{Slab, SlabSource};
+pub use slices::SliceReader;
 pub use source::{MemorySource, VolumeSource};
+pub use window::{SampleWindow, sweep_bytes};

@@ -12,6 +12,7 @@ use super::collect::{Collector, Endian};
 use super::positioned::PositionedFile;
 use super::source::{SPACING_ASSUMED, check_box};
 use super::{SampleType, Samples, VolumeError, VolumeSource};
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 
 /// How headerless samples lie in their file, x fastest.
@@ -171,14 +172,30 @@ impl VolumeSource for RawSource {
     }
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        let mut out = Samples::none(self.sample);
+        self.append(part, &mut out, &Execution::default())?;
+        Ok(out)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
         let size = self.geometry.size();
         check_box(part, size)?;
-        let mut out = Collector::new(self.sample, part);
-        out.reserve_all()?;
+        let mut out = Collector::new(self.sample, part, out)?;
         let bytes = self.sample.bytes();
-        let rows = Rows { offset: self.offset, row: size[0] * bytes };
+        let row = size[0] * bytes;
+        if part.size()[..2] == size[..2] {
+            let start = self.offset + (part.low[2] * size[1]) as u64 * row as u64;
+            out.fill(self.endian, |position, block| {
+                execution.check()?;
+                self.file.read_exact(start + position, block)
+            })?;
+            return out.finish();
+        }
+        out.reserve_all()?;
+        let rows = Rows { offset: self.offset, row };
         let columns = part.low[0] * bytes..part.high[0] * bytes;
         for z in part.low[2]..part.high[2] {
+            execution.check()?;
             let lines = (z * size[1] + part.low[1]) as u64..(z * size[1] + part.high[1]) as u64;
             rows.read(&self.file, columns.clone(), lines, |bytes| out.push(bytes, self.endian))?;
         }

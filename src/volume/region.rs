@@ -1,7 +1,8 @@
 //! A part of a volume as a volume of its own.
 
 use super::source::check_box;
-use super::{SampleType, Samples, VolumeError, VolumeSource};
+use super::{SampleType, Samples, SliceReader, VolumeError, VolumeSource};
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 
 /// A box of another volume; its origin moves along, so every voxel stays where it was in the world.
@@ -23,6 +24,13 @@ impl RegionOfInterest {
         let geometry = source.geometry().crop(&part).map_err(|_| refused)?;
         Ok(Self { source, part, geometry })
     }
+
+    /// A box of this volume as a box of the volume behind it.
+    fn within_source(&self, part: &VoxelBox) -> Result<VoxelBox, VolumeError> {
+        check_box(part, self.geometry.size())?;
+        let moved = |corner: [usize; 3]| std::array::from_fn(|a| corner[a] + self.part.low[a]);
+        Ok(VoxelBox { low: moved(part.low), high: moved(part.high) })
+    }
 }
 
 impl VolumeSource for RegionOfInterest {
@@ -39,9 +47,15 @@ impl VolumeSource for RegionOfInterest {
     }
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
-        check_box(part, self.geometry.size())?;
-        let moved = |corner: [usize; 3]| std::array::from_fn(|a| corner[a] + self.part.low[a]);
-        self.source.read(&VoxelBox { low: moved(part.low), high: moved(part.high) })
+        self.source.read(&self.within_source(part)?)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
+        self.source.append(&self.within_source(part)?, out, execution)
+    }
+
+    fn slices(&self, frame: &VoxelBox) -> Result<Box<dyn SliceReader + '_>, VolumeError> {
+        self.source.slices(&self.within_source(frame)?)
     }
 
     fn notes(&self) -> Vec<String> {

@@ -1,7 +1,8 @@
 //! A volume whose spacing the user knows better than its file.
 
 use super::source::SPACING_ASSUMED;
-use super::{SampleType, Samples, VolumeError, VolumeSource};
+use super::{SampleType, Samples, SliceReader, VolumeError, VolumeSource};
+use crate::execution::Execution;
 use crate::grid::{Geometry, GeometryError, VoxelBox};
 
 /// Another volume with its spacing replaced, which its notes say. Samples, origin and direction
@@ -37,6 +38,18 @@ impl VolumeSource for Respaced {
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
         self.source.read(part)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
+        self.source.append(part, out, execution)
+    }
+
+    fn slices(&self, frame: &VoxelBox) -> Result<Box<dyn SliceReader + '_>, VolumeError> {
+        self.source.slices(frame)
+    }
+
+    fn in_memory(&self) -> Option<&Samples> {
+        self.source.in_memory()
     }
 
     fn notes(&self) -> Vec<String> {

@@ -1,7 +1,9 @@
 //! Region reads: every volume, in memory or on disk, is a [`VolumeSource`].
 
 use super::finite::check_finite;
+use super::slices::{SliceReader, SlicesByBox};
 use super::{SampleType, Samples, VolumeError};
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 
 /// The note of a source whose file says nothing about spacing.
@@ -27,6 +29,29 @@ pub trait VolumeSource: Send + Sync {
     /// [`VolumeError::Box`] if the box is empty or not inside the volume; otherwise whatever went
     /// wrong while reading.
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError>;
+
+    /// Appends the samples of `part` to `out`, which must be of this volume's type. What `out` holds
+    /// beyond its former samples is not to be used after an error.
+    ///
+    /// # Errors
+    /// As [`VolumeSource::read`]; [`VolumeError::Cancelled`] if `execution` was, while much was read.
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
+        execution.check()?;
+        out.append(self.read(part)?)
+    }
+
+    /// A reader of the slices of `frame`, whose numbers begin at 0 with the frame's lowest slice.
+    ///
+    /// # Errors
+    /// [`VolumeError::Box`] if the frame is empty or not inside the volume; [`VolumeError::Io`].
+    fn slices(&self, frame: &VoxelBox) -> Result<Box<dyn SliceReader + '_>, VolumeError> {
+        Ok(Box::new(SlicesByBox::new(self, frame)?))
+    }
+
+    /// All samples, if they are in memory as they are.
+    fn in_memory(&self) -> Option<&Samples> {
+        None
+    }
 
     /// What a report should say about how this volume was read: assumptions made, values replaced.
     fn notes(&self) -> Vec<String> {
@@ -107,6 +132,10 @@ impl VolumeSource for MemorySource {
             Samples::I16(v) => Samples::I16(crop(v, size, part)),
             Samples::F32(v) => Samples::F32(crop(v, size, part)),
         })
+    }
+
+    fn in_memory(&self) -> Option<&Samples> {
+        Some(&self.samples)
     }
 }
 

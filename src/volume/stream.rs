@@ -1,18 +1,22 @@
 //! Compressed samples (zlib or gzip) behind a header that another reader parsed.
 //!
-//! A stream is decompressed from its start up to the last row of the box, and no further. Memory
+//! A stream is decompressed from its start up to the last row of the box, and no further; a reader of
+//! slices goes on where it stopped, so that a pass over the volume decompresses it once. Memory
 //! grows with the bytes that come out, up to the box; a stream that is shorter than the header
 //! says, or (seen when the last row is read) longer, is refused.
 
 use std::io::{self, BufRead, BufReader, Read};
+use std::ops::Range;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
 use super::collect::{Collector, Endian};
 use super::positioned::{PositionedFile, io_error};
 use super::raw::sample_bytes;
+use super::slices::{SliceReader, slices_of};
 use super::source::check_box;
 use super::{SampleType, Samples, VolumeError, VolumeSource};
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 
 /// Deflate cannot make more than this of one byte (zlib's documentation: 1032 to 1).
@@ -81,7 +85,7 @@ impl StreamSource {
         self
     }
 
-    fn decoder(&self) -> Result<Box<dyn Read + '_>, VolumeError> {
+    fn decoder(&self) -> Result<Box<dyn Read + Send + '_>, VolumeError> {
         let len = self.extent.len.unwrap_or(u64::MAX);
         let mut input = BufReader::with_capacity(1 << 16, self.file.reader(self.extent.offset).take(len));
         let start = input.fill_buf().map_err(|error| io_error(self.file.path(), error))?;
@@ -108,39 +112,107 @@ impl StreamSource {
             Some(extra) => Ok(extra),
         }
     }
+}
 
-    /// Reads on until `buffer` is full. `done` counts the bytes of samples behind us.
-    fn fill(&self, decoder: &mut dyn Read, buffer: &mut [u8], done: &mut u64) -> Result<(), VolumeError> {
+/// A stream under way: what it has passed, it does not decompress again.
+struct Pass<'a> {
+    source: &'a StreamSource,
+    decoder: Box<dyn Read + Send + 'a>,
+    scratch: Vec<u8>,
+    /// Bytes of samples behind us.
+    done: u64,
+}
+
+impl<'a> Pass<'a> {
+    /// A pass from the first sample on.
+    fn begin(source: &'a StreamSource, execution: &Execution) -> Result<Self, VolumeError> {
+        let mut pass = Self { source, decoder: source.decoder()?, scratch: vec![0; 1 << 16], done: 0 };
+        pass.skip(source.skip, execution)?;
+        pass.done = 0;
+        Ok(pass)
+    }
+
+    /// Reads on until `buffer` is full.
+    fn fill(&mut self, buffer: &mut [u8]) -> Result<(), VolumeError> {
+        let path = self.source.file.path();
         let mut at = 0;
         while at < buffer.len() {
-            match decoder.read(&mut buffer[at..]) {
+            match self.decoder.read(&mut buffer[at..]) {
                 Ok(n) if n > 0 => at += n,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) if error.kind() != io::ErrorKind::UnexpectedEof => {
-                    return Err(io_error(self.file.path(), error));
+                    return Err(io_error(path, error));
                 }
                 _ => {
-                    let (needed, got) = (sample_bytes(&self.geometry, self.sample), *done + at as u64);
-                    return Err(VolumeError::Truncated { path: self.file.path().to_owned(), needed, got });
+                    let needed = sample_bytes(&self.source.geometry, self.source.sample);
+                    let got = self.done + at as u64;
+                    return Err(VolumeError::Truncated { path: path.to_owned(), needed, got });
                 }
             }
         }
-        *done += at as u64;
+        self.done += at as u64;
         Ok(())
     }
 
-    fn pass(
-        &self,
-        decoder: &mut dyn Read,
-        scratch: &mut [u8],
-        mut bytes: u64,
-        done: &mut u64,
-    ) -> Result<(), VolumeError> {
+    fn skip(&mut self, mut bytes: u64, execution: &Execution) -> Result<(), VolumeError> {
+        let mut scratch = std::mem::take(&mut self.scratch);
         while bytes > 0 {
+            execution.check()?;
             let step = bytes.min(scratch.len() as u64);
-            self.fill(decoder, &mut scratch[..step as usize], done)?;
+            self.fill(&mut scratch[..step as usize])?;
             bytes -= step;
         }
+        self.scratch = scratch;
+        Ok(())
+    }
+
+    /// Reads the rows of `part`, which must not lie behind us.
+    fn read(&mut self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
+        let StreamSource { geometry, sample, endian, file, .. } = self.source;
+        let (size, bytes) = (geometry.size(), sample.bytes());
+        let mut out = Collector::new(*sample, part, out)?;
+        // A row has at most Geometry::MAX_AXIS samples: 128 KiB.
+        let mut row = vec![0; (part.high[0] - part.low[0]) * bytes];
+        for z in part.low[2]..part.high[2] {
+            execution.check()?;
+            for y in part.low[1]..part.high[1] {
+                let begin = ((z * size[1] + y) * size[0] + part.low[0]) as u64 * bytes as u64;
+                self.skip(begin - self.done, execution)?;
+                self.fill(&mut row)?;
+                out.push(&row, *endian)?;
+            }
+        }
+        if part.high == size && matches!(self.decoder.read(&mut self.scratch[..1]), Ok(1)) {
+            let needed = self.done;
+            return Err(VolumeError::Excess { path: file.path().to_owned(), needed, extra: 1 });
+        }
+        out.finish()
+    }
+}
+
+/// The slices of a frame of a stream, in one pass as long as they ascend.
+struct StreamReader<'a> {
+    source: &'a StreamSource,
+    frame: VoxelBox,
+    /// The pass under way, and the first slice that is not behind it.
+    pass: Option<(Pass<'a>, usize)>,
+}
+
+impl SliceReader for StreamReader<'_> {
+    fn read(
+        &mut self,
+        slices: Range<usize>,
+        out: &mut Samples,
+        execution: &Execution,
+    ) -> Result<(), VolumeError> {
+        let part = slices_of(&self.frame, slices.clone())?;
+        // An error leaves no pass, so that none goes on from an unknown place.
+        let mut pass = match self.pass.take() {
+            Some((pass, next)) if next <= slices.start => pass,
+            _ => Pass::begin(self.source, execution)?,
+        };
+        pass.read(&part, out, execution)?;
+        self.pass = Some((pass, slices.end));
         Ok(())
     }
 }
@@ -159,28 +231,18 @@ impl VolumeSource for StreamSource {
     }
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
-        let size = self.geometry.size();
-        check_box(part, size)?;
-        let bytes = self.sample.bytes();
-        let mut out = Collector::new(self.sample, part);
-        let mut decoder = self.decoder()?;
-        let mut scratch = vec![0; 1 << 16];
-        self.pass(&mut decoder, &mut scratch, self.skip, &mut 0)?;
-        let mut done = 0;
-        // A row has at most Geometry::MAX_AXIS samples: 128 KiB.
-        let mut row = vec![0; (part.high[0] - part.low[0]) * bytes];
-        for z in part.low[2]..part.high[2] {
-            for y in part.low[1]..part.high[1] {
-                let begin = ((z * size[1] + y) * size[0] + part.low[0]) as u64 * bytes as u64;
-                self.pass(&mut decoder, &mut scratch, begin - done, &mut done)?;
-                self.fill(&mut decoder, &mut row, &mut done)?;
-                out.push(&row, self.endian)?;
-            }
-        }
-        if part.high == size && matches!(decoder.read(&mut scratch[..1]), Ok(1)) {
-            return Err(VolumeError::Excess { path: self.file.path().to_owned(), needed: done, extra: 1 });
-        }
-        out.finish()
+        let mut out = Samples::none(self.sample);
+        self.append(part, &mut out, &Execution::default())?;
+        Ok(out)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
+        self.slices(part)?.read(0..part.size()[2], out, execution)
+    }
+
+    fn slices(&self, frame: &VoxelBox) -> Result<Box<dyn SliceReader + '_>, VolumeError> {
+        check_box(frame, self.geometry.size())?;
+        Ok(Box::new(StreamReader { source: self, frame: *frame, pass: None }))
     }
 
     fn notes(&self) -> Vec<String> {

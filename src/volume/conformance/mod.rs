@@ -13,6 +13,7 @@ use tempfile::TempDir;
 
 use super::source::crop;
 use super::*;
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 
 /// No two axes alike, so that no two of them can be taken for one another.
@@ -85,6 +86,7 @@ fn conforms(source: &dyn VolumeSource, expected: &Samples, what: &str) {
     boxes(size).into_par_iter().for_each(|part| {
         assert_eq!(source.read(&part).unwrap(), crop_samples(expected, size, &part), "{what}: {part:?}");
     });
+    slices_conform(source, expected, what);
     for axis in 0..3 {
         let (mut empty, mut beyond) = (VoxelBox::whole(size), VoxelBox::whole(size));
         empty.high[axis] = 0;
@@ -94,6 +96,32 @@ fn conforms(source: &dyn VolumeSource, expected: &Samples, what: &str) {
         }
     }
     assert!(source.notes().iter().all(|note| !note.is_empty()));
+}
+
+/// Slices in runs, with gaps, and from an earlier slice again, of the whole volume and of frames in it.
+fn slices_conform(source: &dyn VolumeSource, expected: &Samples, what: &str) {
+    let size = source.geometry().size();
+    let execution = Execution::default();
+    let bounded = VoxelBox { low: [1, 0, 1], high: [size[0], size[1] - 1, size[2]] };
+    for frame in [VoxelBox::whole(size), bounded] {
+        let depth = frame.size()[2];
+        let mut reader = source.slices(&frame).unwrap();
+        let mut out = Samples::none(source.sample_type());
+        let mut wanted = Samples::none(source.sample_type());
+        for slices in [0..1, 1..2, 3..4, 0..depth, 1..2, 3..depth] {
+            reader.read(slices.clone(), &mut out, &execution).unwrap();
+            let part = slices::slices_of(&frame, slices).unwrap();
+            wanted.append(crop_samples(expected, size, &part)).unwrap();
+            assert_eq!(out, wanted, "{what}: {part:?}");
+        }
+        for slices in [1..1, 0..depth + 1] {
+            assert!(matches!(reader.read(slices, &mut out, &execution), Err(VolumeError::Box { .. })));
+        }
+    }
+    let other = if source.sample_type() == SampleType::U8 { SampleType::U16 } else { SampleType::U8 };
+    let mut out = Samples::none(other);
+    let refused = source.append(&VoxelBox::whole(size), &mut out, &execution);
+    assert!(matches!(refused, Err(VolumeError::Type { .. })), "{what}");
 }
 
 fn close(a: [f64; 3], b: [f64; 3]) -> bool {

@@ -26,6 +26,7 @@ pub(crate) use stack::open_file;
 use self::page::Page;
 use super::collect::{Collector, Endian};
 use super::{Samples, VolumeError};
+use crate::execution::Execution;
 use crate::grid::VoxelBox;
 
 /// Whether a file with these first bytes is a TIFF.
@@ -33,18 +34,21 @@ pub(crate) fn is_tiff(start: &[u8]) -> bool {
     [&b"II*\0"[..], b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(magic))
 }
 
-/// Reads a box of slices: `rows(z)` gives the bytes of the box's part of slice z.
+/// Appends a box of slices to `out`: `rows(z)` gives the bytes of the box's part of slice z.
 fn read_slices(
     part: &VoxelBox,
     first: &Page,
+    out: &mut Samples,
+    execution: &Execution,
     rows: impl Fn(usize, Range<usize>, Range<usize>) -> Result<(Vec<u8>, Endian), VolumeError> + Sync,
-) -> Result<Samples, VolumeError> {
+) -> Result<(), VolumeError> {
     let (columns, lines) = (part.low[0]..part.high[0], part.low[1]..part.high[1]);
-    let mut out = Collector::new(first.sample, part);
+    let mut out = Collector::new(first.sample, part, out)?;
     // Slices are decoded in parallel, a few at a time, so that little waits to be collected.
     let batch = 2 * rayon::current_num_threads();
     let mut z = part.low[2];
     while z < part.high[2] {
+        execution.check()?;
         let end = (z + batch).min(part.high[2]);
         let slices: Result<Vec<_>, VolumeError> =
             (z..end).into_par_iter().map(|z| rows(z, columns.clone(), lines.clone())).collect();

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::page::Page;
 use super::{read_slices, stack};
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 use crate::volume::positioned::{PositionedFile, io_error};
 use crate::volume::source::{SPACING_ASSUMED, check_box};
@@ -153,8 +154,14 @@ impl VolumeSource for SeriesSource {
     }
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        let mut out = Samples::none(self.sample_type());
+        self.append(part, &mut out, &Execution::default())?;
+        Ok(out)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
         check_box(part, self.geometry.size())?;
-        read_slices(part, &self.slices[0].1, |z, columns, lines| {
+        read_slices(part, &self.slices[0].1, out, execution, |z, columns, lines| {
             let (path, page) = &self.slices[z];
             page.read(&PositionedFile::open(path)?, columns, lines)
         })

@@ -10,6 +10,7 @@ use std::path::Path;
 use super::directory::{Directory, FileHeader, malformed, tag};
 use super::page::Page;
 use super::read_slices;
+use crate::execution::Execution;
 use crate::grid::{Geometry, VoxelBox};
 use crate::volume::positioned::PositionedFile;
 use crate::volume::raw::RawSource;
@@ -138,8 +139,16 @@ impl VolumeSource for StackSource {
     }
 
     fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        let mut out = Samples::none(self.sample_type());
+        self.append(part, &mut out, &Execution::default())?;
+        Ok(out)
+    }
+
+    fn append(&self, part: &VoxelBox, out: &mut Samples, execution: &Execution) -> Result<(), VolumeError> {
         check_box(part, self.geometry.size())?;
-        read_slices(part, &self.pages[0], |z, columns, lines| self.pages[z].read(&self.file, columns, lines))
+        read_slices(part, &self.pages[0], out, execution, |z, columns, lines| {
+            self.pages[z].read(&self.file, columns, lines)
+        })
     }
 
     fn notes(&self) -> Vec<String> {

@@ -1,0 +1,550 @@
+//! The plain way to find materials and blur, which looks at the whole volume again for every question:
+//! what the survey must agree with to the last bit.
+
+use rayon::prelude::*;
+
+use super::blur::{Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, radius_per_axis};
+use super::deep::Moments;
+use super::find::{Class, FindError, Found, default_name, mean, reject};
+use super::histogram::Histogram;
+use super::table::MaterialTable;
+use super::*;
+use std::path::Path;
+
+use proptest::prelude::*;
+
+use crate::execution::Execution;
+use crate::grid::{Geometry, VoxelBox};
+use crate::volume::{
+    MemorySource, OpenOptions, Sample, SampleType, SampleWindow, Samples, Slab, VolumeError, VolumeSource,
+    open,
+};
+
+const BINS: usize = 256;
+const SMOOTHING: f64 = 3.0;
+const PROMINENCE: f64 = 0.25;
+const SAMPLES: usize = 4_000_000;
+const DARKER_THAN_AIR: f64 = 0.05;
+const MAX_DEPTH: usize = 3;
+const MIN_VOXELS: u64 = 100;
+const MIN_SHARE: f64 = 0.05;
+const REACH: usize = 6;
+const MIN_COSINE: f64 = 0.9;
+const PLATEAU: f64 = 0.12;
+const MIN_PROFILES: usize = 200;
+type Profile = [(f64, f64); 2 * REACH + 1];
+
+/// Interior voxels (those with a full 3 x 3 x 3 neighbourhood) on a regular grid of about `wanted`
+/// points: the same points for any number of threads. Empty if an axis has fewer than 3 voxels.
+fn interior_grid(size: [usize; 3], wanted: usize) -> Vec<[usize; 3]> {
+    if size.iter().any(|&n| n < 3) {
+        return Vec::new();
+    }
+    let points = |stride: usize| size.iter().map(|&n| (n - 2).div_ceil(stride)).product::<usize>();
+    let longest = size.into_iter().max().unwrap_or(1);
+    let stride = (1..longest).find(|&stride| points(stride) <= wanted).unwrap_or(longest);
+    let axis = |n: usize| (1..n - 1).step_by(stride);
+    axis(size[2])
+        .flat_map(|z| axis(size[1]).flat_map(move |y| axis(size[0]).map(move |x| [x, y, z])))
+        .collect()
+}
+
+/// Position of a voxel in a volume of `size`, x fastest.
+fn position(size: [usize; 3], [x, y, z]: [usize; 3]) -> usize {
+    (z * size[1] + y) * size[0] + x
+}
+
+/// Position offsets of the 27 voxels of a 3 x 3 x 3 neighbourhood.
+fn neighbourhood(size: [usize; 3]) -> [isize; 27] {
+    std::array::from_fn(|i| {
+        let [dx, dy, dz] = [i % 3, i / 3 % 3, i / 9].map(|d| d as isize - 1);
+        (dz * size[1] as isize + dy) * size[0] as isize + dx
+    })
+}
+
+fn histogram<S: Sample>(samples: &[S], bins: usize) -> Option<Histogram> {
+    let (low, high) = range(samples)?;
+    let empty = || vec![0u64; bins];
+    let scale = bins as f64 / (high - low);
+    let counts = samples
+        .par_chunks(1 << 16)
+        .fold(empty, |mut counts, chunk| {
+            for v in chunk {
+                let bin = (f64::from(v.to_f32()) - low) * scale;
+                counts[(bin.max(0.0) as usize).min(bins - 1)] += 1;
+            }
+            counts
+        })
+        .reduce(empty, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect());
+    Some(Histogram { low, high, counts: counts.into_iter().map(|c| c as f64).collect() })
+}
+
+/// Smallest and largest value; `None` if they are the same or not finite.
+fn range<S: Sample>(samples: &[S]) -> Option<(f64, f64)> {
+    let (low, high) = samples
+        .par_chunks(1 << 16)
+        .map(|chunk| {
+            chunk.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
+                let v = v.to_f32();
+                (low.min(v), high.max(v))
+            })
+        })
+        .reduce(|| (f32::INFINITY, f32::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    (low.is_finite() && high.is_finite() && low < high).then_some((f64::from(low), f64::from(high)))
+}
+
+pub(super) fn find_materials<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    count: Option<usize>,
+) -> Result<Found, FindError> {
+    let constant = || FindError::Constant { value: samples.first().map_or(0.0, |v| v.to_f32()) };
+    let plain = histogram(samples, 4096).ok_or_else(constant)?;
+    let grid = interior_grid(size, SAMPLES);
+    if grid.is_empty() {
+        return Err(FindError::TooSmall { size });
+    }
+    let weighted = homogeneous_histogram(samples, size, &grid, &plain).smoothed(SMOOTHING);
+    let mut greys: Vec<f64> = weighted.modes(PROMINENCE).into_iter().map(|bin| weighted.value(bin)).collect();
+    let mut rejected = Vec::new();
+    if count.is_some_and(|n| greys.len() < n) {
+        greys = weighted.otsu_means(count.unwrap_or(2));
+    }
+    let mut classes = measure(samples, size, &grid, &greys);
+    let share = |c: &Class| c.inside / c.voxels.max(1.0);
+    while classes.len() > 1 {
+        let weakest = (0..classes.len())
+            .min_by(|&a, &b| share(&classes[a]).total_cmp(&share(&classes[b])))
+            .unwrap_or(0);
+        let enough = match count {
+            Some(n) => classes.len() <= n,
+            None => share(&classes[weakest]) >= MIN_INSIDE_SHARE,
+        };
+        if enough {
+            break;
+        }
+        reject(&mut rejected, &classes[weakest], "too few of its voxels are surrounded by their own kind");
+        greys.remove(weakest);
+        classes = measure(samples, size, &grid, &greys);
+    }
+    if count.is_none() {
+        while classes.len() > 2 {
+            let covers_border = classes.iter().map(|c| c.border).fold(0.0, f64::max);
+            let air = classes.iter().position(|c| c.border >= covers_border).unwrap_or(0);
+            if air == 0 || classes[0].voxels > DARKER_THAN_AIR * classes[air].voxels {
+                break;
+            }
+            reject(&mut rejected, &classes[0], "darker than the air at the volume's border and much rarer");
+            greys.remove(0);
+            classes = measure(samples, size, &grid, &greys);
+        }
+    }
+    if classes.len() < 2 {
+        return Err(FindError::One { mean: classes.first().map_or(plain.low, mean) });
+    }
+    let deep = deep_statistics(samples, size, &grid, &greys);
+    let means = deep.iter().zip(&classes).map(|(d, c)| d.mean().unwrap_or(c.grey));
+    let table = MaterialTable::new((0..deep.len()).map(default_name).zip(means))?;
+    let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
+    Ok(Found { table: table.with_statistics(&statistics), rejected })
+}
+
+/// The table with noise sigma and number of inside voxels measured in a volume (x fastest) for
+/// materials whose mean grey values were given. Unchanged where the volume is too small for it.
+#[must_use]
+pub(super) fn measure_statistics<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    table: MaterialTable,
+) -> MaterialTable {
+    let grid = interior_grid(size, SAMPLES);
+    let greys: Vec<f64> = table.materials().iter().map(|m| m.mean).collect();
+    let deep = deep_statistics(samples, size, &grid, &greys);
+    let statistics: Vec<_> = deep.iter().map(|d| (d.sigma(), Some(d.voxels))).collect();
+    table.with_statistics(&statistics)
+}
+
+/// The histogram in which homogeneous neighbourhoods weigh most. Its range leaves out the rarest
+/// grey values (one in 10^5 at each end), which outliers would stretch.
+fn homogeneous_histogram<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    grid: &[[usize; 3]],
+    plain: &Histogram,
+) -> Histogram {
+    let around = neighbourhood(size);
+    let local: Vec<(f32, f32)> = grid
+        .par_iter()
+        .map(|&voxel| {
+            let at = position(size, voxel);
+            let centre = samples[at].to_f32();
+            // Differences from the centre keep the variance exact for large grey values.
+            let (sum, squares) = around.iter().fold((0.0f64, 0.0f64), |(s, q), &o| {
+                let d = f64::from(samples[at.wrapping_add_signed(o)].to_f32() - centre);
+                (s + d, q + d * d)
+            });
+            (centre, (squares / 27.0 - (sum / 27.0).powi(2)).max(0.0) as f32)
+        })
+        .collect();
+    let (low, high) = (plain.quantile(1e-5), plain.quantile(1.0 - 1e-5));
+    let (low, high) = if high > low { (low, high) } else { (plain.low, plain.high) };
+    let mut out = Histogram::new(low, high, BINS);
+    let mut variances: Vec<f32> = local.iter().map(|l| l.1).collect();
+    let quarter = variances.len() / 4;
+    let v0 =
+        f64::from(*variances.select_nth_unstable_by(quarter, f32::total_cmp).1).max(out.bin_width().powi(2));
+    for (grey, variance) in local {
+        let bin = out.bin(f64::from(grey));
+        out.counts[bin] += (1.0 + f64::from(variance) / v0).powi(-2);
+    }
+    out
+}
+
+/// Statistics of the classes around `greys` (ascending), with thresholds halfway between them.
+fn measure<S: Sample>(samples: &[S], size: [usize; 3], grid: &[[usize; 3]], greys: &[f64]) -> Vec<Class> {
+    let thresholds: Vec<f32> = greys.windows(2).map(|w| (0.5 * (w[0] + w[1])) as f32).collect();
+    let class_of = |v: f32| thresholds.iter().filter(|&&t| v >= t).count();
+    let around = neighbourhood(size);
+    let fresh = || greys.iter().map(|&grey| Class { grey, ..Class::default() }).collect::<Vec<_>>();
+    // Fixed chunks, summed in order: the same sums for any number of threads.
+    let parts: Vec<Vec<Class>> = grid
+        .par_chunks(1 << 14)
+        .map(|chunk| {
+            let mut classes = fresh();
+            for &voxel in chunk {
+                let at = position(size, voxel);
+                let v = samples[at].to_f32();
+                let own = class_of(v);
+                let class = &mut classes[own];
+                class.voxels += 1.0;
+                if around.iter().all(|&o| class_of(samples[at.wrapping_add_signed(o)].to_f32()) == own) {
+                    class.inside += 1.0;
+                    class.sum += f64::from(v);
+                }
+            }
+            classes
+        })
+        .collect();
+    let mut total = fresh();
+    for part in parts {
+        for (t, p) in total.iter_mut().zip(part) {
+            t.voxels += p.voxels;
+            t.inside += p.inside;
+            t.sum += p.sum;
+        }
+    }
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            let on_side = z == 0 || z + 1 == size[2] || y == 0 || y + 1 == size[1];
+            let xs = if on_side { (0..size[0]).collect() } else { vec![0, size[0] - 1] };
+            for x in xs {
+                total[class_of(samples[position(size, [x, y, z])].to_f32())].border += 1.0;
+            }
+        }
+    }
+    total
+}
+
+/// For each class around `greys` (ascending, thresholds halfway between): the moments of its deepest
+/// voxels among those of `grid`, which has interior voxels of a volume of `size` (x fastest).
+fn deep_statistics<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    grid: &[[usize; 3]],
+    greys: &[f64],
+) -> Vec<Moments> {
+    let thresholds: Vec<f32> = greys.windows(2).map(|w| (0.5 * (w[0] + w[1])) as f32).collect();
+    let class_of = |v: f32| thresholds.iter().filter(|&&t| v >= t).count();
+    let depth_of = |voxel: [usize; 3], own: usize| {
+        // Where the volume ends nothing is known, so no voxel is deeper than its distance from there.
+        let room = (0..3).map(|a| voxel[a].min(size[a] - 1 - voxel[a])).fold(MAX_DEPTH, usize::min);
+        (1..=room)
+            .take_while(|&d| shell(voxel, d).all(|p| class_of(samples[position(size, p)].to_f32()) == own))
+            .count()
+    };
+    let fresh = || -> Vec<[Moments; MAX_DEPTH]> {
+        greys.iter().map(|&base| [Moments::about(base); MAX_DEPTH]).collect()
+    };
+    // Fixed chunks, summed in order: the same sums for any number of threads.
+    let parts: Vec<_> = grid
+        .par_chunks(1 << 14)
+        .map(|chunk| {
+            let mut found = fresh();
+            for &voxel in chunk {
+                let grey = samples[position(size, voxel)].to_f32();
+                let own = class_of(grey);
+                for moments in &mut found[own][..depth_of(voxel, own)] {
+                    moments.add(f64::from(grey));
+                }
+            }
+            found
+        })
+        .collect();
+    let mut total = fresh();
+    for part in &parts {
+        for (t, p) in total.iter_mut().flatten().zip(part.iter().flatten()) {
+            t.merge(p);
+        }
+    }
+    total
+        .iter()
+        .map(|depths| {
+            let enough = (MIN_SHARE * depths[0].voxels as f64).max(MIN_VOXELS as f64);
+            *depths.iter().rev().find(|m| m.voxels as f64 >= enough).unwrap_or(&depths[0])
+        })
+        .collect()
+}
+
+/// The 26 voxels `d` steps away.
+fn shell(voxel: [usize; 3], d: usize) -> impl Iterator<Item = [usize; 3]> {
+    (0..27usize).filter(|&i| i != 13).map(move |i| {
+        let steps = [i % 3, i / 3 % 3, i / 9];
+        std::array::from_fn(|a| voxel[a] + steps[a] * d - d)
+    })
+}
+
+/// Estimates the blur of a volume (x fastest).
+#[must_use]
+pub(super) fn estimate_blur<S: Sample>(
+    samples: &[S],
+    geometry: &Geometry,
+    materials: &MaterialTable,
+) -> Blur {
+    let size = geometry.size();
+    let spacing = geometry.spacing();
+    let edge = geometry.voxel_edge();
+    let grid = interior_grid(size, 4_000_000);
+    let mut sigmas: Vec<f64> = grid
+        .par_iter()
+        .flat_map_iter(|&voxel| {
+            (0..3).filter_map(move |axis| profile(samples, size, spacing, materials, voxel, axis))
+        })
+        .map(|profile| fit_sigma(&profile) / edge)
+        .collect();
+    let (profiles, middle) = (sigmas.len(), sigmas.len() / 2);
+    let sigma = (profiles >= MIN_PROFILES).then(|| *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
+    // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
+    let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
+    Blur {
+        sigma_mm: sigma.map(|s| s * edge),
+        profiles,
+        radius: radius_per_axis(radius, geometry).map(|r| r.min(MAX_RADIUS)),
+        lowered_from: None,
+    }
+}
+
+/// The profile through `voxel` along `axis`, if the voxel is the last one before a clean crossing.
+fn profile<S: Sample>(
+    samples: &[S],
+    size: [usize; 3],
+    spacing: [f64; 3],
+    materials: &MaterialTable,
+    voxel: [usize; 3],
+    axis: usize,
+) -> Option<Profile> {
+    if voxel[axis] < REACH || voxel[axis] + REACH + 1 >= size[axis] {
+        return None;
+    }
+    let stride = [1, size[0], size[0] * size[1]];
+    let at = position(size, voxel);
+    let grey = |i: usize| f64::from(samples[i].to_f32());
+    let along = |d: isize| grey(at.wrapping_add_signed(d * stride[axis] as isize));
+    let (first, last) = (along(-(REACH as isize)), along(REACH as isize));
+    let contrast = last - first;
+    let half = 0.5 * (first + last);
+    // The voxel is the last one on the near side of the half.
+    if (along(0) < half) == (along(1) < half) || (along(0) < half) != (first < half) {
+        return None;
+    }
+    let nearest = |v: f64| {
+        let distance = |m: &Material| (m.mean - v).abs();
+        materials.materials().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    };
+    let (near, far) = (nearest(first)?, nearest(last)?);
+    let on_plateau = |v: f64, mean: f64| (v - mean).abs() <= PLATEAU * contrast.abs();
+    if near.id == far.id || !on_plateau(first, near.mean) || !on_plateau(last, far.mean) {
+        return None;
+    }
+    // Both ends must be flat, or a third material may begin just beyond.
+    if (along(-(REACH as isize) + 1) - first).abs() > PLATEAU * contrast.abs()
+        || (along(REACH as isize - 1) - last).abs() > PLATEAU * contrast.abs()
+    {
+        return None;
+    }
+    let gradient: [f64; 3] =
+        std::array::from_fn(|a| (grey(at + stride[a]) - grey(at - stride[a])) / (2.0 * spacing[a]));
+    let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
+    let cosine = gradient[axis].abs() / norm;
+    if cosine.is_nan() || cosine < MIN_COSINE {
+        return None;
+    }
+    let crossing = (half - along(0)) / (along(1) - along(0));
+    let mean = |m: &Material| m.mean;
+    Some(std::array::from_fn(|i| {
+        let d = i as isize - REACH as isize;
+        let mm = (d as f64 - crossing) * spacing[axis] * cosine;
+        (mm, (along(d) - mean(near)) / (mean(far) - mean(near)))
+    }))
+}
+
+/// The sigma of the error function that fits a profile best.
+fn fit_sigma(profile: &Profile) -> f64 {
+    let misfit =
+        |sigma: f64| profile.iter().map(|&(mm, u)| (u - normal_cdf(mm / sigma)).powi(2)).sum::<f64>();
+    // Golden-section search; the misfit has one minimum in sigma.
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    let length = profile[REACH + 1].0 - profile[REACH].0;
+    let (mut low, mut high) = (0.05 * length, 4.0 * length);
+    while high - low > 1e-3 * length {
+        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+        if misfit(a) < misfit(b) { high = b } else { low = a }
+    }
+    0.5 * (low + high)
+}
+
+/// The standard normal distribution function.
+fn normal_cdf(x: f64) -> f64 {
+    0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
+}
+
+/// Whatever is found must be the same to the last bit, by any slabs.
+fn agree<S: Sample>(source: &dyn VolumeSource, count: Option<usize>, thicknesses: &[usize]) {
+    let geometry = source.geometry();
+    let size = geometry.size();
+    let samples = S::unwrap(source.read_all().unwrap()).unwrap();
+    let text = |found: &Result<Found, FindError>| format!("{found:?}");
+    let wanted = find_materials(&samples, size, count);
+    let greys = [0.2, 0.5].map(|q| {
+        let mut sorted: Vec<f32> = samples.iter().map(|v| v.to_f32()).collect();
+        sorted.sort_by(f32::total_cmp);
+        f64::from(sorted[(q * sorted.len() as f64) as usize])
+    });
+    let given = MaterialTable::new([("a", greys[0]), ("b", greys[1] + 1.0)]).unwrap();
+    let measured = measure_statistics(&samples, size, given.clone());
+    let table = wanted.as_ref().map_or(&measured, |found| &found.table).clone();
+    let blur = format!("{:?}", estimate_blur(&samples, geometry, &table));
+    let slab = Slab::whole(&samples, size);
+    assert_eq!(text(&super::find_materials(slab, count)), text(&wanted));
+    assert_eq!(format!("{:?}", super::estimate_blur(slab, geometry, &table)), blur);
+    let execution = Execution::default();
+    let mut first: Option<(GreyCounts, u64)> = None;
+    for &thickness in thicknesses {
+        let mut window = SampleWindow::<S>::new(source, &execution).unwrap();
+        let survey = Survey::read(&mut window, Some(&given), thickness).unwrap();
+        assert_eq!(text(&survey.find_materials(count)), text(&wanted), "{thickness}");
+        assert_eq!(format!("{:?}", survey.measure_statistics(given.clone())), format!("{measured:?}"));
+        let seen = (survey.counts().clone(), survey.crossings(&table));
+        assert_eq!(first.get_or_insert_with(|| seen.clone()), &seen, "{thickness}");
+        let found = read_blur(&mut window, geometry, &table, thickness).unwrap();
+        assert_eq!(format!("{found:?}"), blur, "{thickness}");
+    }
+}
+
+/// Another source, whose samples are not in memory as far as a window can see.
+struct Hidden(MemorySource);
+
+impl VolumeSource for Hidden {
+    fn geometry(&self) -> &Geometry {
+        self.0.geometry()
+    }
+    fn sample_type(&self) -> SampleType {
+        self.0.sample_type()
+    }
+    fn cheap_partial_reads(&self) -> bool {
+        true
+    }
+    fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        self.0.read(part)
+    }
+}
+
+/// Balls of three greys with soft borders and noise.
+fn balls(size: [usize; 3], seed: u64) -> Vec<f32> {
+    let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(1);
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / 16_777_216.0
+    };
+    let balls: Vec<([f32; 3], f32, f32)> = (0..4)
+        .map(|i| (size.map(|n| random() * n as f32), 4.0 + 8.0 * random(), [90.0, 210.0][i % 2]))
+        .collect();
+    (0..size.iter().product::<usize>())
+        .map(|i| {
+            let p = [i % size[0], i / size[0] % size[1], i / size[0] / size[1]];
+            let grey = balls.iter().fold(20.0, |grey, (centre, radius, inside)| {
+                let d = (0..3).map(|a| (p[a] as f32 - centre[a]).powi(2)).sum::<f32>().sqrt() - radius;
+                grey + (inside - grey) / (1.0 + (1.4 * d).exp())
+            });
+            grey + 4.0 * random()
+        })
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+    #[test]
+    fn slabs_find_what_the_whole_volume_shows(
+        size in [3..40usize, 3..40usize, 3..40usize],
+        seed in 0..1000u64,
+        thickness in 1..40usize,
+        count in prop::option::of(2..5usize),
+    ) {
+        let geometry = Geometry::axis_aligned(size, [0.4, 0.4, 0.5]).unwrap();
+        let greys = balls(size, seed);
+        let source = |samples| Hidden(MemorySource::new(geometry.clone(), samples).unwrap());
+        let all = [1, thickness, size[2]];
+        agree::<u8>(&source(Samples::U8(greys.iter().map(|v| *v as u8).collect())), count, &all);
+        agree::<i16>(&source(Samples::I16(greys.iter().map(|v| (*v * 120.0) as i16 - 9000).collect())), count, &all);
+        agree::<u16>(&source(Samples::U16(greys.iter().map(|v| (*v * 250.0) as u16).collect())), count, &all);
+        agree::<f32>(&source(Samples::F32(greys)), count, &all);
+    }
+}
+
+#[test]
+#[allow(clippy::print_stderr)] // a skip is said aloud
+fn slabs_find_the_materials_of_the_engine() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/engine/engine.mha");
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return;
+    }
+    let engine = open(&path, &OpenOptions::default()).unwrap();
+    agree::<u8>(engine.as_ref(), None, &[17]);
+}
+
+#[test]
+fn crossings_are_about_as_many_as_counted() {
+    let size = [90, 80, 70];
+    let greys = balls(size, 5);
+    let table = MaterialTable::new([("air", 20.0), ("a", 90.0), ("b", 210.0)]).unwrap();
+    let slab = Slab::whole(&greys, size);
+    let class = |voxel| [55.0, 150.0].iter().filter(|t| slab.grey(voxel) >= **t).count();
+    let mut counted = 0;
+    for z in 0..69 {
+        for y in 0..79 {
+            for x in 0..89 {
+                let own = class([x, y, z]);
+                counted += [[x + 1, y, z], [x, y + 1, z], [x, y, z + 1]]
+                    .iter()
+                    .filter(|v| class(**v) != own)
+                    .count();
+            }
+        }
+    }
+    let estimated = Survey::of(slab, None).unwrap().crossings(&table) as f64;
+    assert!((estimated / counted as f64 - 1.0).abs() < 0.1, "{estimated} {counted}");
+}
+
+#[test]
+fn a_survey_takes_no_more_memory_than_it_says_however_large_the_volume() {
+    for size in [[500, 700, 231], [30_000, 30_000, 30_000], [3, 30_000, 30_000], [1500, 1500, 3]] {
+        for sample in [SampleType::U8, SampleType::U16, SampleType::F32] {
+            assert!(
+                survey_bytes(size, sample) < 330_000_000,
+                "{size:?} {sample}: {}",
+                survey_bytes(size, sample)
+            );
+        }
+    }
+    assert!(survey_bytes([3000; 3], SampleType::F32) < 165_000_000);
+}
