@@ -84,7 +84,7 @@ impl Args {
         let radius = self.radius_per_sigma.map(|f| f * effective_sigma(self.sigma));
         let options = PipelineOptions { radius, ..PipelineOptions::default() };
         let extraction = extract(&source, &options, &execution)?;
-        let radius = extraction.blur.context("a grey volume has a blur")?.radius[0];
+        let radius = extraction.findings.blur.context("a grey volume has a blur")?.radius[0];
         let defects = check(&extraction.mesh, &CheckOptions::default(), &execution)?.total();
         let at = |clear: f64| {
             let options = CompareOptions { clear, ..CompareOptions::default() };
@@ -252,7 +252,7 @@ fn means(out: &mut impl Write, runs: &[Run]) -> std::io::Result<()> {
     writeln!(out, "| scene | grey values | found | noise found |\n|---|---|---|---|")?;
     for run in runs {
         let list = |values: Vec<String>| values.join(", ");
-        let (true_ones, found) = (run.phantom.materials().materials(), run.extraction.materials.materials());
+        let (true_ones, found) = (run.phantom.materials().materials(), run.extraction.findings.materials.materials());
         writeln!(
             out,
             "| {} | {} | {} | {} |",

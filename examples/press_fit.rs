@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let report = MeshReport::new(&extraction.mesh, &CheckOptions::default(), &execution)?;
 
     for shell in &report.measures.shells {
-        let name = extraction.materials.get(shell.material).map_or("?", |m| m.name.as_str());
+        let name = extraction.findings.materials.get(shell.material).map_or("?", |m| m.name.as_str());
         println!("{name}: {} piece(s), {:.1} mm³", shell.components, shell.volume.unwrap_or(0.0));
     }
     println!("{} junction curves, {:.1} mm", report.junctions.curves.len(), report.junctions.length);

@@ -31,7 +31,7 @@
 //! let samples = Samples::U16((0..24 * 24 * 24).map(grey).collect());
 //! let source = MemorySource::new(Geometry::axis_aligned(size, [0.2; 3])?, samples)?;
 //! let extraction = extract(&source, &PipelineOptions::default(), &Execution::default())?;
-//! assert_eq!(extraction.materials.count(), 2);
+//! assert_eq!(extraction.findings.materials.count(), 2);
 //! let shells = interfacet::mesh::measure(&extraction.mesh).shells;
 //! assert_eq!(shells[0].euler_characteristic, 2); // one closed block
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -1,130 +1,39 @@
 //! The recipe: from a volume to a labelled mesh, in one function that reads as the pipeline.
+//!
+//! The volume is worked on in slabs of whole slices, as thick as the memory budget of the
+//! [`Execution`] allows, and the mesh leaves in pieces: `docs/scale.md`. Slabs, pieces and threads change
+//! no bit of the result.
 
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+mod error;
+mod memory_plan;
+mod options;
+mod sink;
+mod surface;
 
-use crate::classify::{Classification, ClassifyCounts, ClassifyError, LabelVolume, check_radius, classify};
-use crate::contour::marching::march;
-use crate::contour::{Border, ContourError, Midpoints, Thresholds};
-use crate::execution::{Cancelled, CostLog, Execution};
+use std::path::Path;
+
+use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabPlan, classify_slabs, halo};
+use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, FindError, Found, MaterialTable, MaterialTableError, Rejected, Survey, check_count, estimate_blur,
-    radius_per_axis,
+    Blur, Found, MAX_ESTIMATED_RADIUS, MaterialTable, Rejected, Survey, radius_per_axis, read_blur,
 };
-use crate::mesh::{InterfaceMesh, MeshError, MeshMaterial};
-use crate::volume::{Sample, Slab, VolumeError, VolumeSource};
-use crate::with_samples;
+use crate::mesh::{InterfaceMesh, MeshMaterial};
+use crate::volume::{Sample, SampleWindow, VolumeSource};
+use crate::with_sample_type;
 
-/// What to make of a volume.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default)]
-pub struct PipelineOptions {
-    /// Where the materials come from.
-    pub materials: MaterialChoice,
-    /// Radius R of the blur in voxels (of mean edge length); estimated where `None`.
-    pub radius: Option<f64>,
-    /// What happens at the volume's border.
-    pub border: Border,
-}
+pub use error::PipelineError;
+pub use options::{MaterialChoice, NamedGrey, PipelineOptions};
+pub use sink::{MeshSink, SinkError};
 
-/// Where the materials come from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum MaterialChoice {
-    /// Found in the volume: their number too, unless it is given.
-    Find {
-        /// How many, if known.
-        count: Option<usize>,
-        /// Their names by ascending grey value, the background's first; as many as there are. Empty:
-        /// `air`, `material1`, ...
-        names: Vec<String>,
-    },
-    /// Given by name and mean grey value, in ascending order, the background first.
-    Given(Vec<NamedGrey>),
-    /// The volume holds labels, not grey values: each label is a material, the lowest the
-    /// background.
-    Labels,
-}
+use memory_plan::MemoryPlan;
+use options::table_of;
+use sink::WholeMesh;
+use surface::{Crossings, Surface};
 
-impl Default for MaterialChoice {
-    fn default() -> Self {
-        Self::Find { count: None, names: Vec::new() }
-    }
-}
-
-/// A material given by the user.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NamedGrey {
-    /// Its name.
-    pub name: String,
-    /// Its mean grey value.
-    pub grey: f64,
-}
-
-impl PipelineOptions {
-    /// What can be refused before a volume of this geometry is read, which may take minutes.
-    ///
-    /// # Errors
-    /// [`PipelineError`] names the option.
-    pub fn check(&self, geometry: &Geometry) -> Result<(), PipelineError> {
-        match &self.materials {
-            MaterialChoice::Find { count, names } => {
-                check_count(*count)?;
-                if !names.is_empty() {
-                    // Any grey values will do to find out whether the names do.
-                    MaterialTable::new(names.iter().cloned().zip((0..).map(f64::from)))?;
-                }
-            }
-            MaterialChoice::Given(given) => drop(table_of(given)?),
-            MaterialChoice::Labels => {}
-        }
-        if let Some(radius) = self.radius {
-            check_radius(radius_per_axis(radius, geometry))?;
-        }
-        Ok(())
-    }
-}
-
-/// Why a volume did not become a mesh.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum PipelineError {
-    /// It could not be read.
-    #[error(transparent)]
-    Volume(#[from] VolumeError),
-    /// No materials were found.
-    #[error(transparent)]
-    Find(#[from] FindError),
-    /// The materials given are not usable.
-    #[error(transparent)]
-    Materials(#[from] MaterialTableError),
-    /// It could not be classified.
-    #[error(transparent)]
-    Classify(#[from] ClassifyError),
-    /// The surface could not be extracted.
-    #[error(transparent)]
-    Contour(#[from] ContourError),
-    /// All voxels became one material.
-    #[error(
-        "every voxel was given to the material '{material}', so there is no interface; check the materials' grey values (`interfacet info` shows the histogram), or try a smaller --radius"
-    )]
-    NoInterface {
-        /// Its name.
-        material: String,
-    },
-    /// The surface makes no mesh.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
-    /// Stopped from outside.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
-}
-
-/// A mesh and all that was found on the way to it.
+/// All that was found on the way to a mesh.
 #[derive(Debug, Clone)]
-pub struct Extraction {
+pub struct Findings {
     /// Where the volume lies.
     pub geometry: Geometry,
     /// The materials used.
@@ -137,10 +46,17 @@ pub struct Extraction {
     pub classification: Option<ClassifyCounts>,
     /// Voxels of each material in the end.
     pub voxels: Vec<u64>,
-    /// The labelled surface.
-    pub mesh: InterfaceMesh,
     /// What each stage cost.
     pub costs: CostLog,
+}
+
+/// A mesh and all that was found on the way to it.
+#[derive(Debug, Clone)]
+pub struct Extraction {
+    /// What was found.
+    pub findings: Findings,
+    /// The labelled surface.
+    pub mesh: InterfaceMesh,
 }
 
 /// If the densest material keeps less than this share of its voxels, its parts are thinner than the
@@ -151,7 +67,15 @@ pub const KEPT_SHARE: f64 = 0.8;
 /// What a lowered radius must gain in that share to be preferred.
 const KEPT_GAIN: f64 = 0.05;
 
-/// Extracts the labelled surface of a volume.
+/// Stages in the order of a run, with their shares of its time on the volumes tried.
+const STAGES: [(&str, f64); 4] = [
+    ("finding materials", 1.0),
+    ("estimating the blur", 0.3),
+    ("classifying voxels", 2.0),
+    (surface::STAGE, 8.0),
+];
+
+/// Extracts the labelled surface of a volume as one mesh in memory.
 ///
 /// # Errors
 /// [`PipelineError`]: the first stage that could not do its work, and why.
@@ -160,83 +84,232 @@ pub fn extract(
     options: &PipelineOptions,
     execution: &Execution,
 ) -> Result<Extraction, PipelineError> {
-    options.check(source.geometry())?;
-    let mut costs = CostLog::default();
-    let stage = execution.stage("reading", 0);
-    let samples = costs.measure("read", || source.read_all())?;
-    drop(stage);
-    execution.check()?;
-    let geometry = source.geometry().clone();
-    with_samples!(&samples, values => match &options.materials {
-        MaterialChoice::Labels => from_labels(values, geometry, options, costs, execution),
-        choice => from_greys(values, geometry, choice, options, costs, execution),
-    })
+    let mut whole = WholeMesh::default();
+    let findings = extract_into(source, options, execution, None, &mut whole)?;
+    Ok(Extraction { findings, mesh: whole.finish()? })
 }
 
-/// The main job: materials, blur, classification, contouring (Fujimori and Suzuki).
-fn from_greys<S: Sample>(
-    samples: &[S],
-    geometry: Geometry,
-    choice: &MaterialChoice,
+/// Extracts the labelled surface of a volume of any size, within the memory budget of the execution;
+/// the mesh goes to `sink` piece by piece. `scratch` is a folder for labels that memory cannot hold; without
+/// one they stay in memory.
+///
+/// # Errors
+/// [`PipelineError`]: the first stage that could not do its work, and why;
+/// [`PipelineError::Memory`], before anything is read, if the budget cannot hold a single slab.
+pub fn extract_into(
+    source: &dyn VolumeSource,
     options: &PipelineOptions,
-    mut costs: CostLog,
     execution: &Execution,
-) -> Result<Extraction, PipelineError> {
-    let size = geometry.size();
-    let slab = Slab::whole(samples, size);
-    let stage = execution.stage("finding materials", 0);
-    let Found { table: materials, rejected } =
-        costs.measure("materials", || choose_materials(|given| Ok(Survey::of(slab, given)?), choice))?;
-    let blur = costs.measure("blur", || match options.radius {
-        Some(radius) => Blur::given(radius, &geometry),
-        None => estimate_blur(slab, &geometry, &materials),
-    });
-    drop(stage);
-    let classified = |blur: &Blur, costs: &mut CostLog| {
-        execution.check()?;
-        Ok::<_, PipelineError>(
-            costs.measure("classify", || classify(slab, &materials, blur.radius, execution)),
-        )
-    };
-    let asked_for = (blur, classified(&blur, &mut costs)?);
-    let mut lowered = None;
-    while options.radius.is_none()
-        && let (blur, attempt) = lowered.as_ref().unwrap_or(&asked_for)
-        && kept_share(attempt).is_some_and(|share| share < KEPT_SHARE)
-        && let Some(lower) = blur.lowered(&geometry)
-    {
-        lowered = Some((lower, classified(&lower, &mut costs)?));
+    scratch: Option<&Path>,
+    sink: &mut dyn MeshSink,
+) -> Result<Findings, PipelineError> {
+    options.check(source.geometry())?;
+    execution.plan(&STAGES);
+    with_sample_type!(source.sample_type(), S => Run::<S>::new(source, options, execution, scratch)?.run(sink))
+}
+
+/// A run on a volume with samples of type `S`.
+struct Run<'a, S> {
+    source: &'a dyn VolumeSource,
+    options: &'a PipelineOptions,
+    execution: &'a Execution,
+    scratch: Option<&'a Path>,
+    memory: MemoryPlan,
+    window: SampleWindow<'a, S>,
+    costs: CostLog,
+}
+
+impl<'a, S: Sample> Run<'a, S> {
+    fn new(
+        source: &'a dyn VolumeSource,
+        options: &'a PipelineOptions,
+        execution: &'a Execution,
+        scratch: Option<&'a Path>,
+    ) -> Result<Self, PipelineError> {
+        let geometry = source.geometry();
+        let memory = MemoryPlan::new(geometry.size(), source.sample_type(), execution.memory());
+        // What is not known yet is taken to be at the upper end of the usual.
+        let materials = match &options.materials {
+            MaterialChoice::Given(given) => given.len(),
+            MaterialChoice::Find { count, names } => count.unwrap_or(names.len().max(4)),
+            MaterialChoice::Labels => 3,
+        };
+        let radius = options.radius.unwrap_or(MAX_ESTIMATED_RADIUS);
+        let halo = halo(radius_per_axis(radius, geometry));
+        memory.check(materials, halo)?;
+        let window = SampleWindow::new(source, execution)?;
+        Ok(Self { source, options, execution, scratch, memory, window, costs: CostLog::default() })
     }
-    let enough = kept_share(&asked_for.1).map(|share| share + KEPT_GAIN);
-    let (blur, attempt) = match lowered {
-        Some(lowered) if kept_share(&lowered.1) > enough => lowered,
-        // If lowering gained nothing it was not thinness: streaks, bright specks, a mean set too high.
-        _ => asked_for,
-    };
-    let Classification { labels, junction, counts } = attempt?;
-    if let [material] = present(&materials, &counts.labelled)[..] {
-        return Err(PipelineError::NoInterface { material: material.into() });
+
+    fn run(self, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
+        match &self.options.materials {
+            MaterialChoice::Labels => self.labels(sink),
+            choice => self.greys(choice, sink),
+        }
     }
-    let rule = Thresholds::new(slab, &junction, &materials);
-    let patch = costs.measure("contour", || march(&labels, &rule, options.border, execution))?;
-    let listed = MeshMaterial::from_table(&materials);
-    let mesh = costs.measure("mesh", || InterfaceMesh::from_patch(patch, &geometry, listed))?;
-    let voxels = counts.labelled.clone();
-    Ok(Extraction {
-        geometry,
-        materials,
-        rejected,
-        blur: Some(blur),
-        classification: Some(counts),
-        voxels,
-        mesh,
-        costs,
-    })
+
+    /// The main job: materials, blur, classification, contouring (Fujimori and Suzuki).
+    fn greys(mut self, choice: &MaterialChoice, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
+        let geometry = self.source.geometry().clone();
+        let Found { table: materials, rejected } = self.materials(choice)?;
+        let blur = self.blur(&materials)?;
+        let (blur, Classified { store, counts }) = self.classify(&materials, blur)?;
+        if let [material] = present(&materials, &counts.labelled)[..] {
+            return Err(PipelineError::NoInterface { material: material.into() });
+        }
+        let surface = Surface {
+            geometry: &geometry,
+            materials: MeshMaterial::from_table(&materials),
+            border: self.options.border,
+            slices: self.memory.contouring(materials.count(), &self.plan(&materials, &blur)?)?,
+            piece: self.memory.piece,
+            execution: self.execution,
+        };
+        surface.extract(
+            &mut self.window,
+            Crossings::Thresholds { store, materials: &materials },
+            sink,
+            &mut self.costs,
+        )?;
+        Ok(Findings {
+            geometry,
+            materials,
+            rejected,
+            blur: Some(blur),
+            voxels: counts.labelled.clone(),
+            classification: Some(counts),
+            costs: self.costs,
+        })
+    }
+
+    /// The short way: the volume is segmented already, crossings are midpoints.
+    fn labels(mut self, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
+        let geometry = self.source.geometry().clone();
+        let slices = self.memory.survey()?;
+        let stage = self.execution.stage(STAGES[0].0, geometry.size()[2] as u64);
+        let mut ids = LabelIds::default();
+        let window = &mut self.window;
+        self.costs.measure("labels", || {
+            window.sweep(slices, 0, |slab, core| {
+                stage.advance(core.len() as u64);
+                Ok::<_, PipelineError>(ids.add(slab, core)?)
+            })
+        })?;
+        drop(stage);
+        let ids = ids.finish()?;
+        let name = |id: &f64| format!("label{id}").replace(['.', '+'], "_");
+        let materials = MaterialTable::new(ids.labels().iter().map(|id| (name(id), *id)))?;
+        let surface = Surface {
+            geometry: &geometry,
+            materials: MeshMaterial::from_table(&materials),
+            border: self.options.border,
+            slices,
+            piece: self.memory.piece,
+            execution: self.execution,
+        };
+        let voxels = ids.voxels().to_vec();
+        surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
+        let (rejected, blur, classification) = (Vec::new(), None, None);
+        Ok(Findings { geometry, materials, rejected, blur, classification, voxels, costs: self.costs })
+    }
+
+    /// The materials of a grey volume, found or as given, with their noise measured.
+    fn materials(&mut self, choice: &MaterialChoice) -> Result<Found, PipelineError> {
+        let stage = self.execution.stage(STAGES[0].0, 0);
+        let slices = self.survey_slices()?;
+        let window = &mut self.window;
+        let found = self.costs.measure("materials", || match choice {
+            MaterialChoice::Given(given) => {
+                let table = table_of(given)?;
+                let survey = Survey::read(window, Some(&table), slices)?;
+                survey.check_present()?;
+                check_vertices(survey.crossings(&table))?;
+                Ok(Found { table: survey.measure_statistics(table), rejected: Vec::new() })
+            }
+            MaterialChoice::Find { count, names } => {
+                let survey = Survey::read(window, None, slices)?;
+                let mut found = survey.find_materials(*count)?;
+                if !names.is_empty() {
+                    found.table = found.table.renamed(names)?;
+                }
+                check_vertices(survey.crossings(&found.table))?;
+                Ok(found)
+            }
+            MaterialChoice::Labels => Ok(Survey::read(window, None, slices)?.find_materials(None)?),
+        });
+        drop(stage);
+        found
+    }
+
+    fn blur(&mut self, materials: &MaterialTable) -> Result<Blur, PipelineError> {
+        let geometry = self.source.geometry();
+        if let Some(radius) = self.options.radius {
+            return Ok(Blur::given(radius, geometry));
+        }
+        let _stage = self.execution.stage(STAGES[1].0, 0);
+        let slices = self.survey_slices()?;
+        let window = &mut self.window;
+        Ok(self.costs.measure("blur", || read_blur(window, geometry, materials, slices))?)
+    }
+
+    /// A window that has read everything keeps everything: only right if there is room for it later.
+    fn survey_slices(&self) -> Result<usize, PipelineError> {
+        let depth = self.source.geometry().size()[2];
+        let slices = self.memory.survey()?;
+        Ok(if self.memory.holds_all() { depth } else { slices.min(depth.div_ceil(2)) })
+    }
+
+    fn plan(&self, materials: &MaterialTable, blur: &Blur) -> Result<SlabPlan, PipelineError> {
+        let halo = halo(blur.radius);
+        self.memory.slabs(materials.count(), halo, self.scratch)
+    }
+
+    /// Classifies with the radius that the blur asks for, or with a lower estimate where that would lose
+    /// too much of the densest material.
+    fn classify(
+        &mut self,
+        materials: &MaterialTable,
+        blur: Blur,
+    ) -> Result<(Blur, Classified), PipelineError> {
+        let geometry = self.source.geometry();
+        let asked_for = (blur, self.attempt(materials, &blur)?);
+        let mut lowered = None;
+        while self.options.radius.is_none()
+            && let (blur, attempt) = lowered.as_ref().unwrap_or(&asked_for)
+            && kept_share(attempt).is_some_and(|share| share < KEPT_SHARE)
+            && let Some(lower) = blur.lowered(geometry)
+        {
+            // At most two attempts are kept at a time.
+            drop(lowered.take());
+            lowered = Some((lower, self.attempt(materials, &lower)?));
+        }
+        let enough = kept_share(&asked_for.1).map(|share| share + KEPT_GAIN);
+        let (blur, attempt) = match lowered {
+            Some(lowered) if kept_share(&lowered.1) > enough => lowered,
+            // If lowering gained nothing it was not thinness: streaks, bright specks, a mean set too high.
+            _ => asked_for,
+        };
+        Ok((blur, attempt?))
+    }
+
+    /// One classification, which may fail for reasons that a lower radius mends.
+    fn attempt(
+        &mut self,
+        materials: &MaterialTable,
+        blur: &Blur,
+    ) -> Result<Result<Classified, ClassifyError>, PipelineError> {
+        self.execution.check()?;
+        let plan = self.plan(materials, blur)?;
+        let (window, execution) = (&mut self.window, self.execution);
+        Ok(self
+            .costs
+            .measure("classify", || classify_slabs(window, materials, blur.radius, &plan, execution)))
+    }
 }
 
 /// The share of its voxels that the densest material kept; 0 if nothing at all was certain, `None`
 /// for a failure of another kind.
-fn kept_share(attempt: &Result<Classification, ClassifyError>) -> Option<f64> {
+fn kept_share(attempt: &Result<Classified, ClassifyError>) -> Option<f64> {
     match attempt {
         Ok(c) => Some(c.counts.densest_kept_share()),
         Err(ClassifyError::NoCore { .. }) => Some(0.0),
@@ -250,50 +323,12 @@ fn present<'a>(materials: &'a MaterialTable, voxels: &[u64]) -> Vec<&'a str> {
     counted.filter(|(_, n)| **n > 0).map(|(m, _)| m.name.as_str()).collect()
 }
 
-/// The short way: the volume is segmented already, crossings are midpoints.
-fn from_labels<S: Sample>(
-    samples: &[S],
-    geometry: Geometry,
-    options: &PipelineOptions,
-    mut costs: CostLog,
-    execution: &Execution,
-) -> Result<Extraction, PipelineError> {
-    let (labels, ids) = costs.measure("labels", || LabelVolume::from_labels(samples, geometry.size()))?;
-    execution.check()?;
-    let name = |id: &f64| format!("label{id}").replace(['.', '+'], "_");
-    let materials = MaterialTable::new(ids.iter().map(|id| (name(id), *id)))?;
-    let patch = costs.measure("contour", || march(&labels, &Midpoints, options.border, execution))?;
-    let listed = MeshMaterial::from_table(&materials);
-    let mesh = costs.measure("mesh", || InterfaceMesh::from_patch(patch, &geometry, listed))?;
-    let voxels = labels.counts();
-    let (rejected, blur, classification) = (Vec::new(), None, None);
-    Ok(Extraction { geometry, materials, rejected, blur, classification, voxels, mesh, costs })
-}
-
-/// The materials of a grey volume, found or as given, with their noise measured. `survey` surveys it, for
-/// the materials given if they are.
-fn choose_materials<S: Sample>(
-    survey: impl FnOnce(Option<&MaterialTable>) -> Result<Survey<S>, VolumeError>,
-    choice: &MaterialChoice,
-) -> Result<Found, PipelineError> {
-    match choice {
-        MaterialChoice::Given(given) => {
-            let table = table_of(given)?;
-            let survey = survey(Some(&table))?;
-            survey.check_present()?;
-            Ok(Found { table: survey.measure_statistics(table), rejected: Vec::new() })
-        }
-        MaterialChoice::Find { count, names } => {
-            let mut found = survey(None)?.find_materials(*count)?;
-            if !names.is_empty() {
-                found.table = found.table.renamed(names)?;
-            }
-            Ok(found)
-        }
-        MaterialChoice::Labels => Ok(survey(None)?.find_materials(None)?),
+/// Refuses a surface that is certainly too large to be numbered, before it is made.
+fn check_vertices(estimate: u64) -> Result<(), PipelineError> {
+    // The estimate counts each crossing of the classes by grey value: within a few percent.
+    let limit = i32::MAX.unsigned_abs().into();
+    if estimate > limit + limit / 8 {
+        return Err(PipelineError::TooManyVertices { vertices: estimate, limit });
     }
-}
-
-fn table_of(given: &[NamedGrey]) -> Result<MaterialTable, MaterialTableError> {
-    MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))
+    Ok(())
 }

@@ -45,13 +45,13 @@ fn run_with(options: &PhantomOptions, expected: std::ops::Range<f64>) -> Found {
     let source =
         MemorySource::new(phantom.geometry().clone(), phantom.rasterise(&execution).unwrap()).unwrap();
     let extraction = extract(&source, &PipelineOptions::default(), &execution).unwrap();
-    assert_eq!(extraction.materials.count(), phantom.materials().count(), "{:?}", extraction.materials);
-    for (found, exact) in extraction.materials.materials().iter().zip(phantom.materials().materials()) {
+    assert_eq!(extraction.findings.materials.count(), phantom.materials().count(), "{:?}", extraction.findings.materials);
+    for (found, exact) in extraction.findings.materials.materials().iter().zip(phantom.materials().materials()) {
         let error = (found.mean - exact.mean).abs();
         // Half a percent of the iron's contrast: a wall of seven voxels has no voxel out of reach of the blur.
         assert!(error < 180.0 || options.scene.uses_thickness(), "{found:?} for {}", exact.mean);
     }
-    let radius = extraction.blur.unwrap().radius[0];
+    let radius = extraction.findings.blur.unwrap().radius[0];
     assert!(expected.contains(&radius), "R {radius}");
     let defects = check(&extraction.mesh, &CheckOptions::default(), &execution).unwrap();
     assert!(defects.is_empty() && defects.self_intersections_checked, "{defects:?}");
@@ -176,7 +176,7 @@ fn a_plate_of_four_voxels_is_lost_as_published_and_found_with_the_lowered_radius
     // All that there is is lost, and that is said.
     let as_published = PipelineOptions { radius: Some(2.96), ..PipelineOptions::default() };
     let lost = extract(&source, &as_published, &execution);
-    assert!(matches!(lost, Err(PipelineError::NoInterface { .. })), "{:?}", lost.map(|e| e.voxels));
+    assert!(matches!(lost, Err(PipelineError::NoInterface { .. })), "{:?}", lost.map(|e| e.findings.voxels));
     assert_right_topology(&run_with(&options, 1.5..2.6));
 }
 

@@ -38,11 +38,11 @@ fn run(options: &PipelineOptions) -> Extraction {
 fn a_lowered_radius_that_gains_nothing_is_taken_back() {
     // The specks are the densest material, and single voxels are never kept.
     let extraction = run(&given(&[("air", 0.0), ("plastic", 100.0), ("speck", 250.0)]));
-    let counts = extraction.classification.expect("counts");
+    let counts = extraction.findings.classification.expect("counts");
     assert!(counts.densest_kept_share() < 0.5, "{counts:?}");
-    let blur = extraction.blur.expect("blur");
+    let blur = extraction.findings.blur.expect("blur");
     assert_eq!(blur.lowered_from, None, "{blur:?}");
-    assert_eq!(extraction.voxels[2], 0);
+    assert_eq!(extraction.findings.voxels[2], 0);
 }
 
 fn interfacet(arguments: &[&str]) -> (bool, serde_json::Value) {

@@ -4,13 +4,14 @@
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use glam::{DMat3, DVec3, EulerRot};
-use interfacet::execution::{CostLog, Execution};
+use interfacet::execution::Execution;
 use interfacet::export::{PlyOptions, ReadOptions, read_mesh, write_ply};
 use interfacet::grid::Geometry;
 use interfacet::mesh::{CheckOptions, MeshReport, check};
-use interfacet::pipeline::{Extraction, MaterialChoice, PipelineOptions, extract};
-use interfacet::report::{InputReport, RunReport, write_result};
+use interfacet::pipeline::{MaterialChoice, PipelineOptions, extract, extract_into};
+use interfacet::report::{InputReport, ResultWriter, RunReport};
 use interfacet::volume::{MemorySource, Samples, VolumeSource};
+use tempfile::TempDir;
 use wild::{Wild, lumps, mesh};
 
 mod wild;
@@ -31,15 +32,15 @@ fn directions() -> Vec<[[f64; 3]; 3]> {
     ]
 }
 
-/// Extracts a block of lumps of five labels and returns it with its report.
-fn extraction(geometry: &Geometry) -> (Extraction, MeshReport, RunReport) {
+/// Extracts a block of lumps of five labels into a new folder; returns it with the check of the mesh
+/// in memory and the report.
+fn extraction(geometry: &Geometry) -> (TempDir, MeshReport, RunReport) {
     let samples = Samples::U8(lumps(SIZE, 5, 1, 7));
     let source = MemorySource::new(geometry.clone(), samples).unwrap();
     let options = PipelineOptions { materials: MaterialChoice::Labels, ..PipelineOptions::default() };
     let execution = Execution::default();
-    let mut extraction = extract(&source, &options, &execution).unwrap();
-    extraction.costs = CostLog::default();
-    let mesh = MeshReport::new(&extraction.mesh, &CheckOptions::default(), &execution).unwrap();
+    let mesh = extract(&source, &options, &execution).unwrap().mesh;
+    let mesh = MeshReport::new(&mesh, &CheckOptions::default(), &execution).unwrap();
     let input = InputReport {
         path: "block".into(),
         sample_type: source.sample_type(),
@@ -47,8 +48,11 @@ fn extraction(geometry: &Geometry) -> (Extraction, MeshReport, RunReport) {
         voxels: geometry.voxels() as u64,
         notes: Vec::new(),
     };
-    let report = RunReport::new(input, options, &extraction, mesh.clone());
-    (extraction, mesh, report)
+    let folder = tempfile::tempdir().unwrap();
+    let mut result = ResultWriter::new(folder.path(), CheckOptions::default(), &execution);
+    let findings = extract_into(&source, &options, &execution, None, &mut result).unwrap();
+    let report = result.finish(input, options, &findings).unwrap();
+    (folder, mesh, report)
 }
 
 fn volumes(report: &MeshReport) -> Vec<f64> {
@@ -58,7 +62,6 @@ fn volumes(report: &MeshReport) -> Vec<f64> {
 #[test]
 fn any_lattice_gives_a_sound_mesh_and_a_sound_file() {
     let (_, unit, _) = extraction(&Geometry::axis_aligned(SIZE, [1.0; 3]).unwrap());
-    let folder = tempfile::tempdir().unwrap();
     let mut places: Vec<([f64; 3], [f64; 3])> = vec![([1.0; 3], [0.0; 3]), ([0.013, 0.2, 1.7], [0.0; 3])];
     places.push(([0.05, 0.06, 0.09], [-310.0, 1204.0, 77.7]));
     // Just near enough for `float`: its step is a thousandth of a voxel, less than that of a
@@ -68,17 +71,13 @@ fn any_lattice_gives_a_sound_mesh_and_a_sound_file() {
         for (k, &(spacing, origin)) in places.iter().enumerate() {
             let what = format!("direction {i}, place {k}");
             let geometry = Geometry::new(SIZE, spacing, origin, direction).unwrap();
-            let (extraction, mesh, report) = extraction(&geometry);
+            let (folder, mesh, report) = extraction(&geometry);
             assert_eq!(report.defect_count, 0, "{what}: {:?}", mesh.defects.by_kind());
             for (volume, unit) in volumes(&mesh).into_iter().zip(volumes(&unit)) {
                 let expected = unit * geometry.voxel_volume();
                 assert!((volume - expected).abs() < 1e-9 * expected, "{what}: {volume}, {expected}");
             }
-            let out = folder.path().join(format!("{i}-{k}"));
-            std::fs::create_dir(&out).unwrap();
-            let curves = &mesh.junctions.curves;
-            write_result(&out, &extraction, curves, &report, &Execution::default()).unwrap();
-            let back = read_mesh(&out.join("assembly.ply"), &ReadOptions::default()).unwrap();
+            let back = read_mesh(&folder.path().join("assembly.ply"), &ReadOptions::default()).unwrap();
             let back = MeshReport::new(&back, &CheckOptions::default(), &Execution::default()).unwrap();
             assert!(back.defects.is_empty(), "{what}, read back: {:?}", back.defects.by_kind());
             for (volume, expected) in volumes(&back).into_iter().zip(volumes(&mesh)) {

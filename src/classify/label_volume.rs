@@ -4,13 +4,13 @@
 //! is plane p. Three materials take two bits per voxel, and 64 neighbours are compared at a time.
 //! It may hold some slices of the volume only, under the numbers they have in it.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
+use super::label_ids::{KnownLabels, LabelIds};
 use crate::grid::MaterialId;
-use crate::volume::Sample;
+use crate::volume::{Sample, Slab};
 
 /// A material for each voxel of a volume; see the module's header.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -60,45 +60,38 @@ impl LabelVolume {
         samples: &[S],
         size: [usize; 3],
     ) -> Result<(Self, Vec<f64>), ClassifyError> {
-        let mut ids: BTreeMap<OrderedLabel, u8> = BTreeMap::new();
-        let mut previous = f32::NAN;
-        // Adding zero makes the two zeros of a float volume one label.
-        for v in samples.iter().map(|v| v.to_f32() + 0.0) {
-            if v.to_bits() != previous.to_bits() {
-                ids.insert(OrderedLabel(v), 0);
-                previous = v;
-                if ids.len() > MaterialId::MAX_COUNT {
-                    return Err(ClassifyError::TooManyLabels { limit: MaterialId::MAX_COUNT });
-                }
-            }
-        }
-        for (i, id) in ids.values_mut().enumerate() {
-            *id = i as u8;
-        }
-        let labels: Vec<f64> = ids.keys().map(|l| f64::from(l.0)).collect();
-        if let [label] = labels[..] {
-            return Err(ClassifyError::OneLabel { label });
-        }
-        let mut out = Self::all_outside(size, labels.len(), 0..size[2] + 2);
+        let slab = Slab::whole(samples, size);
+        let mut ids = LabelIds::default();
+        ids.add(slab, 0..size[2])?;
+        let known = ids.finish()?;
+        Ok((Self::of_known(slab, &known, 0..size[2] + 2), known.labels().to_vec()))
+    }
+
+    /// The labels of the padded slices `slices` of a volume that is already segmented; the slab must hold
+    /// those among them that are not `OUTSIDE`.
+    #[must_use]
+    pub fn of_known<S: Sample>(slab: Slab<'_, S>, known: &KnownLabels, slices: Range<usize>) -> Self {
+        let size = slab.size();
+        let mut out = Self::all_outside(size, known.labels().len(), slices);
         let bits = out.codes.count();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {
-                let start = ((z - 1) * size[1] + y - 1) * size[0];
-                let mut previous = (f32::NAN, 0);
-                for (x, v) in samples[start..start + size[0]].iter().enumerate() {
-                    let v = v.to_f32() + 0.0;
-                    if v.to_bits() != previous.0.to_bits() {
-                        previous = (v, ids.get(&OrderedLabel(v)).copied().unwrap_or(0));
-                    }
+                let mut previous: Option<(S, u8)> = None;
+                for (x, &v) in slab.row(y - 1, z - 1).iter().enumerate() {
+                    let id = match previous {
+                        Some((label, id)) if label == v => id,
+                        _ => known.id(v.to_f32()),
+                    };
+                    previous = Some((v, id));
                     let (word, bit) = ((x + 1) / WORD, (x + 1) % WORD);
                     for p in 0..bits {
                         let row = slice.row(p, y);
-                        row[word] = (row[word] & !(1 << bit)) | u64::from(previous.1 >> p & 1) << bit;
+                        row[word] = (row[word] & !(1 << bit)) | u64::from(id >> p & 1) << bit;
                     }
                 }
             }
         });
-        Ok((out, labels))
+        out
     }
 
     /// Slices of voxels, and the slices of `OUTSIDE` beside them where the volume ends.
@@ -235,22 +228,6 @@ impl LabelVolume {
                 sum
             })
             .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
-    }
-}
-
-/// A label as a key: ordered by value.
-#[derive(Clone, Copy, PartialEq)]
-struct OrderedLabel(f32);
-
-impl Eq for OrderedLabel {}
-impl PartialOrd for OrderedLabel {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for OrderedLabel {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
     }
 }
 

@@ -12,6 +12,7 @@ mod alpha;
 mod ball;
 mod bit_planes;
 mod error;
+mod label_ids;
 mod label_store;
 mod label_volume;
 mod pair;
@@ -27,10 +28,11 @@ pub use alpha::alpha;
 pub use ball::{Ball, Dilation};
 pub use bit_planes::{BitPlanes, SliceMut, WORD};
 pub use error::ClassifyError;
+pub use label_ids::{KnownLabels, LabelIds};
 pub use label_store::{LabelStore, Stored};
 pub use label_volume::LabelVolume;
 pub use pair::{core, junction, pair};
-pub use passes::{Decided, Passes};
+pub use passes::{Decided, Passes, halo};
 pub use sweeps::{Classified, SlabPlan, classify_slabs};
 pub use thinning::{Step, Thinned, Thinning, thin};
 
@@ -129,7 +131,7 @@ pub fn classify<S: Sample>(
     execution: &Execution,
 ) -> Result<Classification, ClassifyError> {
     check_radius(radius)?;
-    let stage = execution.stage("classifying voxels", 2);
+    let stage = execution.stage(sweeps::STAGE, 2);
     let all = 1..slab.size()[2] + 1;
     let decided = Passes::new(slab.size(), materials, radius).decide(slab, all.clone());
     stage.advance(1);

@@ -68,3 +68,10 @@ impl<'a> Passes<'a> {
         slices.start.saturating_sub(halo).max(1)..(slices.end + halo).min(self.size[2] + 1)
     }
 }
+
+/// How many slices of samples the passes with blur radius `radius` (R, in voxels per axis) read beyond
+/// those that they decide.
+#[must_use]
+pub fn halo(radius: [f64; 3]) -> usize {
+    Ball::new(radius).reach()[2] + Ball::new(radius.map(|r| 2.0 * r)).reach()[2]
+}

@@ -21,7 +21,7 @@ use super::thinning::{Step, Thinned, Thinning};
 use super::{ClassifyCounts, check_radius, classify};
 use crate::execution::Execution;
 use crate::material::MaterialTable;
-use crate::volume::{Sample, SlabSource};
+use crate::volume::{Sample, SampleWindow};
 
 /// How to cut a volume.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -75,18 +75,18 @@ struct Record {
 /// As [`classify`]; [`ClassifyError::Volume`] if a slab cannot be read, [`ClassifyError::Scratch`] if labels
 /// cannot be put aside.
 pub fn classify_slabs<S: Sample>(
-    source: &mut dyn SlabSource<S>,
+    window: &mut SampleWindow<'_, S>,
     materials: &MaterialTable,
     radius: [f64; 3],
     plan: &SlabPlan,
     execution: &Execution,
 ) -> Result<Classified, ClassifyError> {
     check_radius(radius)?;
-    let size = source.size();
+    let size = window.size();
     let slabs = plan.slabs(size);
     if slabs.len() == 1 {
-        let slab = source.hold(0..size[2])?;
-        let whole = classify(slab, materials, radius, execution)?;
+        window.hold(0..size[2])?;
+        let whole = classify(window.slab(), materials, radius, execution)?;
         let store = LabelStore::of(whole.labels, whole.junction);
         return Ok(Classified { store, counts: whole.counts });
     }
@@ -97,11 +97,11 @@ pub fn classify_slabs<S: Sample>(
     let passes = Passes::new(size, materials, radius);
     let steps = plan.steps.max(1);
     let records = vec![Record::default(); slabs.len()];
-    let mut sweeps = Sweeps { source, materials, passes, store, slabs, steps, records, execution };
-    let (mut counts, mut at_rest) = sweeps.first(radius)?;
+    let mut sweeps = Sweeps { materials, passes, store, slabs, steps, records, execution };
+    let (mut counts, mut at_rest) = sweeps.first(window, radius)?;
     while sweeps.undecided() > 0 {
         let next = if at_rest { Step::Settle } else { Step::Thin };
-        at_rest = sweeps.further(next, radius, &mut counts)?;
+        at_rest = sweeps.further(window, next, radius, &mut counts)?;
     }
     for (i, labelled) in counts.labelled.iter_mut().enumerate() {
         *labelled = sweeps.records.iter().map(|r| r.labelled[i]).sum();
@@ -110,8 +110,10 @@ pub fn classify_slabs<S: Sample>(
     Ok(Classified { store: sweeps.store, counts })
 }
 
-struct Sweeps<'a, S> {
-    source: &'a mut dyn SlabSource<S>,
+/// Its name as a stage.
+pub(super) const STAGE: &str = "classifying voxels";
+
+struct Sweeps<'a> {
     materials: &'a MaterialTable,
     passes: Passes<'a>,
     store: LabelStore,
@@ -121,55 +123,61 @@ struct Sweeps<'a, S> {
     execution: &'a Execution,
 }
 
-impl<S: Sample> Sweeps<'_, S> {
+impl Sweeps<'_> {
     fn undecided(&self) -> u64 {
         self.records.iter().map(|r| r.undecided).sum()
     }
 
     /// The first sweep: all passes, and steps of thinning. Returns the counts, and whether thinning came to
     /// rest in the whole volume.
-    fn first(&mut self, radius: [f64; 3]) -> Result<(ClassifyCounts, bool), ClassifyError> {
-        let n = self.materials.count();
-        let size = self.source.size();
+    fn first<S: Sample>(
+        &mut self,
+        window: &mut SampleWindow<'_, S>,
+        radius: [f64; 3],
+    ) -> Result<(ClassifyCounts, bool), ClassifyError> {
+        let Self { materials, passes, store, slabs, steps, records, execution } = self;
+        let (n, size) = (materials.count(), window.size());
         let mut counts = ClassifyCounts::zero(n);
-        let mut changed = vec![0; self.steps];
+        let mut changed = vec![0; *steps];
         // Decided slices, before any step of thinning: the later ones are the next slab's halo.
         let mut fresh = BitPlanes::window(size, n, 1..1);
-        let stage = self.execution.stage("classifying voxels", self.slabs.len() as u64);
-        for (core, record) in self.slabs.iter().zip(&mut self.records) {
-            self.execution.check()?;
-            let wide = self.passes.around(core, self.steps);
+        let stage = execution.stage(STAGE, size[2] as u64);
+        let thickness = slabs.first().map_or(1, Range::len);
+        let mut records = records.iter_mut();
+        window.sweep(thickness, *steps + passes.halo(), |slab, core| {
+            let core = core.start + 1..core.end + 1;
+            let wide = passes.around(&core, *steps);
             let new = fresh.slices().end.max(wide.start)..wide.end;
-            let needs = self.passes.needs(&new);
-            let slab = self.source.hold(needs.start.min(wide.start - 1)..needs.end.max(wide.end - 1))?;
-            fresh = fresh.moved(wide.clone());
+            fresh = std::mem::replace(&mut fresh, BitPlanes::window(size, n, 1..1)).moved(wide);
             if !new.is_empty() {
-                let decided = self.passes.decide(slab, new.clone());
+                let decided = passes.decide(slab, new.clone());
                 add(&mut counts.alpha, &decided.alpha);
                 add(&mut counts.core, &decided.core);
                 add(&mut counts.pair, &decided.b.counts());
                 fresh.set_slices(new.start, decided.b.slice_data(new));
             }
-            self.execution.check()?;
+            execution.check()?;
             let mut b = fresh.clone();
             let undecided = junction(&b);
             counts.junction += undecided.counts_in(core.clone())[0];
-            let mut thinning = Thinning::new(slab, &mut b, undecided.clone(), self.materials);
+            let mut thinning = Thinning::new(slab, &mut b, undecided.clone(), materials);
             for changed in &mut changed {
                 if thinning.at_rest() {
                     break;
                 }
-                *changed += thinning.step(Step::Thin, core);
+                *changed += thinning.step(Step::Thin, &core);
             }
-            *record = Record {
-                undecided: thinning.open_in(core),
-                labelled: b.counts_in(core.clone()),
-                densest_kept: count_densest_kept(slab, &b, self.materials, core.clone()),
-            };
+            if let Some(record) = records.next() {
+                *record = Record {
+                    undecided: thinning.open_in(&core),
+                    labelled: b.counts_in(core.clone()),
+                    densest_kept: count_densest_kept(slab, &b, materials, core.clone()),
+                };
+            }
+            stage.advance(core.len() as u64);
             let labels = LabelVolume::from_planes(&b.moved(core.clone()));
-            self.store.write(&labels, &undecided.moved(core.clone()))?;
-            stage.advance(1);
-        }
+            store.write(&labels, &undecided.moved(core))
+        })?;
         if counts.core.iter().all(|&c| c == 0) {
             return Err(ClassifyError::NoCore { radius });
         }
@@ -179,8 +187,9 @@ impl<S: Sample> Sweeps<'_, S> {
 
     /// A further sweep over the slabs with undecided voxels, beginning with `next`; returns whether thinning
     /// came to rest in it.
-    fn further(
+    fn further<S: Sample>(
         &mut self,
+        window: &mut SampleWindow<'_, S>,
         next: Step,
         radius: [f64; 3],
         counts: &mut ClassifyCounts,
@@ -201,7 +210,8 @@ impl<S: Sample> Sweeps<'_, S> {
             {
                 self.store.write(&labels, &flags)?;
             }
-            let slab = self.source.hold(wide.start - 1..wide.end - 1)?;
+            window.hold(wide.start - 1..wide.end - 1)?;
+            let slab = window.slab();
             let (labels, flags) = self.store.read(wide.clone())?;
             let (mut b, undecided) = labels.to_planes(wide);
             let mut own_flags = BitPlanes::window(b.size(), 1, core.clone());
@@ -247,25 +257,28 @@ fn add(sum: &mut [u64], part: &[u64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::{Slab, VolumeError};
+    use crate::grid::{Geometry, VoxelBox};
+    use crate::volume::{MemorySource, SampleType, Samples, Slab, VolumeError, VolumeSource};
     use proptest::prelude::*;
 
-    /// Holds what it was asked for and no more.
-    struct Strict<'a> {
-        all: &'a [u8],
-        size: [usize; 3],
-        held: Vec<u8>,
-    }
+    /// A volume as in a file: nothing is in memory but what was asked for.
+    struct Strict(MemorySource);
 
-    impl SlabSource<u8> for Strict<'_> {
-        fn size(&self) -> [usize; 3] {
-            self.size
+    impl VolumeSource for Strict {
+        fn geometry(&self) -> &Geometry {
+            self.0.geometry()
         }
 
-        fn hold(&mut self, slices: Range<usize>) -> Result<Slab<'_, u8>, VolumeError> {
-            let slice = self.size[0] * self.size[1];
-            self.held = self.all[slices.start * slice..slices.end * slice].to_vec();
-            Ok(Slab::new(&self.held, self.size, slices.start))
+        fn sample_type(&self) -> SampleType {
+            self.0.sample_type()
+        }
+
+        fn cheap_partial_reads(&self) -> bool {
+            true
+        }
+
+        fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+            self.0.read(part)
         }
     }
 
@@ -307,8 +320,10 @@ mod tests {
         let table = MaterialTable::new([("air", 20.0), ("al", 90.0), ("fe", 140.0), ("pb", 220.0)]).unwrap();
         let execution = Execution::default();
         let whole = classify(Slab::whole(samples, size), &table, [radius; 3], &execution);
-        let mut source = Strict { all: samples, size, held: Vec::new() };
-        let slabs = classify_slabs(&mut source, &table, [radius; 3], plan, &execution);
+        let geometry = Geometry::axis_aligned(size, [1.0; 3]).unwrap();
+        let source = Strict(MemorySource::new(geometry, Samples::U8(samples.to_vec())).unwrap());
+        let mut window = SampleWindow::<u8>::new(&source, &execution).unwrap();
+        let slabs = classify_slabs(&mut window, &table, [radius; 3], plan, &execution);
         let (whole, mut slabs) = match (whole, slabs) {
             (Ok(whole), Ok(slabs)) => (whole, slabs),
             (Err(ClassifyError::NoCore { .. }), Err(ClassifyError::NoCore { .. })) => return None,

@@ -6,17 +6,18 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use anyhow::{Context, anyhow, bail};
+use bytesize::ByteSize;
 use clap::ValueEnum;
 use serde::Deserialize;
 
 use super::failure;
 use super::input::InputArgs;
 use crate::contour::Border;
-use crate::execution::Execution;
+use crate::execution::{Execution, available_memory};
 use crate::export::StagedFolder;
-use crate::mesh::{CheckOptions, MeshReport};
-use crate::pipeline::{Extraction, MaterialChoice, NamedGrey, PipelineOptions, extract};
-use crate::report::{InputReport, RunReport, write_result};
+use crate::mesh::CheckOptions;
+use crate::pipeline::{MaterialChoice, NamedGrey, PipelineOptions, extract_into};
+use crate::report::{InputReport, ResultWriter, RunReport};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -86,6 +87,11 @@ pub(crate) struct Args {
     /// several times as long as everything else.
     #[arg(long, value_enum, default_value_t = CheckName::Full, help_heading = "Run")]
     check: CheckName,
+
+    /// Memory to use at most, for example 2GiB [default: half of what is free]. A volume that takes more
+    /// is worked on in slabs of slices; the result is the same for any amount.
+    #[arg(long, value_name = "SIZE", help_heading = "Run")]
+    memory: Option<ByteSize>,
 
     /// Threads to use [default: all cores]. The result is the same for any number.
     #[arg(long, short = 'j', value_name = "N", help_heading = "Run")]
@@ -164,6 +170,10 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
         }
         pool = pool.num_threads(threads);
     }
+    let execution = match args.memory.map(|size| size.as_u64()).or_else(|| Some(available_memory()? / 2)) {
+        Some(bytes) => &execution.clone().with_memory(bytes),
+        None => execution,
+    };
     pool.build().context("cannot start threads")?.install(|| run_in_pool(args, execution))
 }
 
@@ -179,22 +189,20 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
         voxels: source.geometry().voxels() as u64,
         notes: source.notes(),
     };
-    let mut extraction = extract(source.as_ref(), &options, execution)?;
-    drop(source);
     let check = CheckOptions { self_intersections: args.check == CheckName::Full, ..CheckOptions::default() };
-    let stage = execution.stage("checking the mesh", 0);
-    let mut costs = std::mem::take(&mut extraction.costs);
-    let mesh = costs.measure("check", || MeshReport::new(&extraction.mesh, &check, execution))?;
-    extraction.costs = costs;
-    drop(stage);
-    let curves = mesh.junctions.curves.clone();
-    let report = RunReport::new(input, options, &extraction, mesh);
-    write_result(folder.path(), &extraction, &curves, &report, execution)
-        .map_err(|error| in_place(error.into(), folder.path(), &args.out))?;
+    let mut result = ResultWriter::new(folder.path(), check, execution);
+    let report = extract_into(source.as_ref(), &options, execution, Some(folder.path()), &mut result)
+        .map_err(anyhow::Error::from)
+        .and_then(|findings| {
+            drop(source);
+            Ok(result.finish(input, options, &findings)?)
+        })
+        .map_err(|error| in_place(error, folder.path(), &args.out))?;
     execution.check()?;
     folder.commit()?;
     if !args.quiet {
-        match summary(&mut io::stdout().lock(), &args.out, &extraction, &report) {
+        execution.plan(&[]);
+        match summary(&mut io::stdout().lock(), &args.out, &report) {
             // Whoever reads has seen enough: `interfacet extract ... | head`.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
             written => written.context("cannot write to standard output")?,
@@ -209,14 +217,9 @@ fn in_place(error: anyhow::Error, aside: &Path, out: &Path) -> anyhow::Error {
 }
 
 /// What a person wants to know at once.
-fn summary(
-    out: &mut impl Write,
-    folder: &Path,
-    extraction: &Extraction,
-    report: &RunReport,
-) -> io::Result<()> {
-    let [x, y, z] = extraction.geometry.size();
-    let [sx, sy, sz] = extraction.geometry.spacing();
+fn summary(out: &mut impl Write, folder: &Path, report: &RunReport) -> io::Result<()> {
+    let [x, y, z] = report.input.geometry.size();
+    let [sx, sy, sz] = report.input.geometry.spacing();
     writeln!(out, "{x} x {y} x {z} voxels of {sx} x {sy} x {sz} mm")?;
     writeln!(out, "\n  id  material              grey      volume mm³  components   Euler")?;
     for m in &report.materials {

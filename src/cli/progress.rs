@@ -28,6 +28,7 @@ struct Shown {
 }
 
 struct Stage {
+    id: u64,
     steps: u64,
     done: u64,
     /// Its place in the plan.
@@ -84,7 +85,7 @@ impl Progress for Bar {
         shown.bar = (!stages.is_empty()).then(|| new_bar(WHOLE));
     }
 
-    fn begin(&self, stage: &str, steps: u64) {
+    fn begin(&self, id: u64, stage: &str, steps: u64) {
         let mut shown = self.shown();
         let planned = shown.plan.iter().position(|p| p.0 == stage);
         let bar = match &shown.bar {
@@ -103,13 +104,13 @@ impl Progress for Bar {
                 Some(bar)
             }
         };
-        shown.stages.push(Stage { steps, done: 0, planned, bar });
+        shown.stages.push(Stage { id, steps, done: 0, planned, bar });
         shown.update();
     }
 
-    fn advance(&self, steps: u64) {
+    fn advance(&self, id: u64, steps: u64) {
         let mut shown = self.shown();
-        if let Some(stage) = shown.stages.last_mut() {
+        if let Some(stage) = shown.stages.iter_mut().rev().find(|s| s.id == id) {
             stage.done += steps;
             if let Some(bar) = &stage.bar {
                 bar.inc(steps);
@@ -118,9 +119,11 @@ impl Progress for Bar {
         shown.update();
     }
 
-    fn end(&self) {
+    fn end(&self, id: u64) {
         let mut shown = self.shown();
-        if let Some(bar) = shown.stages.pop().and_then(|stage| stage.bar) {
+        if let Some(at) = shown.stages.iter().rposition(|s| s.id == id)
+            && let Some(bar) = shown.stages.remove(at).bar
+        {
             bar.finish_and_clear();
         }
     }

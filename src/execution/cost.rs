@@ -29,9 +29,13 @@ impl CostLog {
     pub fn measure<T>(&mut self, stage: &str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let out = work();
-        let seconds = start.elapsed().as_secs_f64();
-        self.stages.push(StageCost { stage: stage.into(), seconds, peak_memory: peak_memory() });
+        self.add(stage, start.elapsed().as_secs_f64());
         out
+    }
+
+    /// Records a stage that is over and took `seconds`.
+    pub fn add(&mut self, stage: &str, seconds: f64) {
+        self.stages.push(StageCost { stage: stage.into(), seconds, peak_memory: peak_memory() });
     }
 
     /// Time of all stages together, in seconds.

@@ -8,7 +8,7 @@ mod cost;
 mod memory;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use thiserror::Error;
 
@@ -20,12 +20,13 @@ pub trait Progress: Send + Sync {
     /// What is to come: each stage in order, with its share of the run's time as far as it can be
     /// guessed. A stage may be missing or repeated in the end. An empty plan: the run is over.
     fn plan(&self, _stages: &[(&str, f64)]) {}
-    /// A stage starts that will take `steps` steps (0: unknown).
-    fn begin(&self, stage: &str, steps: u64);
-    /// `steps` more steps of the current stage are done.
-    fn advance(&self, steps: u64);
-    /// The current stage is over.
-    fn end(&self);
+    /// A stage starts that will take `steps` steps (0: unknown). Stages may lie inside one another; `id` tells
+    /// them apart.
+    fn begin(&self, id: u64, stage: &str, steps: u64);
+    /// `steps` more steps of a stage are done.
+    fn advance(&self, id: u64, steps: u64);
+    /// A stage is over.
+    fn end(&self, id: u64);
 }
 
 /// A progress sink that drops everything.
@@ -33,9 +34,9 @@ pub trait Progress: Send + Sync {
 pub struct Silent;
 
 impl Progress for Silent {
-    fn begin(&self, _stage: &str, _steps: u64) {}
-    fn advance(&self, _steps: u64) {}
-    fn end(&self) {}
+    fn begin(&self, _id: u64, _stage: &str, _steps: u64) {}
+    fn advance(&self, _id: u64, _steps: u64) {}
+    fn end(&self, _id: u64) {}
 }
 
 /// A run was asked to stop before it was done.
@@ -107,25 +108,28 @@ impl Execution {
     /// Begins a stage of `steps` steps; it ends when the returned guard is dropped.
     #[must_use]
     pub fn stage(&self, name: &str, steps: u64) -> Stage<'_> {
-        self.progress.begin(name, steps);
-        Stage { progress: self.progress.as_ref() }
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        self.progress.begin(id, name, steps);
+        Stage { progress: self.progress.as_ref(), id }
     }
 }
 
 /// A stage under way; see [`Execution::stage`].
 pub struct Stage<'a> {
     progress: &'a dyn Progress,
+    id: u64,
 }
 
 impl Stage<'_> {
     /// Marks `steps` more steps as done.
     pub fn advance(&self, steps: u64) {
-        self.progress.advance(steps);
+        self.progress.advance(self.id, steps);
     }
 }
 
 impl Drop for Stage<'_> {
     fn drop(&mut self) {
-        self.progress.end();
+        self.progress.end(self.id);
     }
 }

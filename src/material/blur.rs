@@ -39,6 +39,10 @@ pub const RADIUS_PER_SIGMA: f64 = 2.5;
 /// found "2 or 3 voxels").
 pub const DEFAULT_RADIUS: f64 = 2.5;
 
+/// No radius above this is estimated, in voxels of mean edge length: profiles that ask for more cannot have
+/// been clean.
+pub const MAX_ESTIMATED_RADIUS: f64 = 6.0;
+
 /// Largest radius along an axis, in voxels: its sphere of 2R already holds 10^5 voxels.
 pub const MAX_RADIUS: f64 = 16.0;
 
@@ -168,7 +172,8 @@ impl<'a> Sigmas<'a> {
         let sigma =
             (profiles >= MIN_PROFILES).then(|| *self.sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
         // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
-        let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
+        let radius =
+            sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, MAX_ESTIMATED_RADIUS));
         Blur {
             sigma_mm: sigma.map(|s| s * edge),
             profiles,

@@ -13,7 +13,8 @@ mod survey;
 mod table;
 
 pub use blur::{
-    BLUR_HALO, Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur, radius_per_axis, read_blur,
+    BLUR_HALO, Blur, DEFAULT_RADIUS, MAX_ESTIMATED_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur,
+    radius_per_axis, read_blur,
 };
 pub use counts::GreyCounts;
 pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, default_name, find_materials};

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::MeshPiece;
 use super::interface_mesh::{InterfaceMesh, MeshError, MeshMaterial};
-use crate::contour::Patch;
+use crate::contour::{Patch, Piece};
 use crate::grid::Geometry;
 use crate::material::MaterialTable;
 
@@ -35,5 +36,23 @@ impl InterfaceMesh {
             triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
         }
         Self::new(positions, kinds, triangles, pairs, materials)
+    }
+}
+
+impl MeshPiece {
+    /// The piece of mesh of a piece of surface, as [`InterfaceMesh::from_patch`] makes it. `first` are the
+    /// numbers in the whole mesh of its first vertex and its first triangle.
+    ///
+    /// # Errors
+    /// As [`InterfaceMesh::new`]; a piece made by contouring gives none.
+    pub fn from_contour(
+        piece: Piece,
+        geometry: &Geometry,
+        materials: Vec<MeshMaterial>,
+        [first_vertex, first_triangle]: [u64; 2],
+    ) -> Result<Self, MeshError> {
+        let Piece { patch, owned, last_layer, .. } = piece;
+        let mesh = InterfaceMesh::from_patch(patch, geometry, materials)?;
+        Ok(Self { mesh, owned, last_layer, first_vertex, first_triangle })
     }
 }

@@ -39,6 +39,17 @@ pub enum MeshError {
         /// The material.
         material: u8,
     },
+    /// A piece of a mesh that is not the next one.
+    #[error(
+        "a piece of mesh begins with vertex {} and triangle {}, but vertex {} and triangle {} come next",
+        got[0], got[1], needed[0], needed[1]
+    )]
+    Piece {
+        /// The numbers of its first vertex and triangle.
+        got: [u64; 2],
+        /// Those that come next.
+        needed: [u64; 2],
+    },
     /// A vertex that is not a finite point.
     #[error("vertex {vertex} at ({x}, {y}, {z}) is not finite")]
     NotFinite {
@@ -124,6 +135,12 @@ impl InterfaceMesh {
             }
         }
         Ok(Self { positions, kinds, triangles, pairs, materials })
+    }
+
+    /// Positions, kinds, triangles and pairs.
+    #[must_use]
+    pub(super) fn into_parts(self) -> (Vec<DVec3>, Vec<VertexKind>, Vec<[u32; 3]>, Vec<Pair>) {
+        (self.positions, self.kinds, self.triangles, self.pairs)
     }
 
     /// Vertex positions in the world, mm.

@@ -18,12 +18,13 @@ mod render;
 mod result_folder;
 mod run_report;
 mod shade;
+mod shells;
 mod slice;
 
 pub use colour::{Palette, Rgb};
 pub use picture::{Background, Picture, PictureError};
 pub use render::{Cut, RenderOptions, render};
-pub use result_folder::{ResultError, write_result};
+pub use result_folder::{ResultError, ResultWriter};
 pub use run_report::{
     CurveReport, InputReport, MaterialReport, NonManifoldReport, PairReport, RunReport, ThresholdReport,
 };

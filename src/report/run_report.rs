@@ -7,11 +7,10 @@ use serde::{Deserialize, Serialize};
 use crate::classify::ClassifyCounts;
 use crate::contour::Border;
 use crate::execution::CostLog;
-use crate::export::vertices_merged_by_stl;
 use crate::grid::{Geometry, MaterialId, VertexKind};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
-use crate::pipeline::{Extraction, KEPT_SHARE, PipelineOptions};
+use crate::pipeline::{Findings, KEPT_SHARE, PipelineOptions};
 
 /// The report of a run; lengths in mm, areas in mm², volumes in mm³.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -147,17 +146,19 @@ pub struct CurveReport {
 }
 
 impl RunReport {
-    /// The report of an extraction; `mesh` is the check and measure of its mesh.
+    /// The report of a run; `mesh` is the check and measure of its mesh, of which `merged_by_stl` vertices
+    /// fall together in the coordinates of STL.
     #[must_use]
     pub fn new(
         input: InputReport,
         options: PipelineOptions,
-        extraction: &Extraction,
+        findings: &Findings,
         mesh: MeshReport,
+        merged_by_stl: u64,
     ) -> Self {
-        let table = &extraction.materials;
-        let voxel = extraction.geometry.voxel_volume();
-        let materials = table.materials().iter().zip(&extraction.voxels).map(|(material, &voxels)| {
+        let table = &findings.materials;
+        let voxel = findings.geometry.voxel_volume();
+        let materials = table.materials().iter().zip(&findings.voxels).map(|(material, &voxels)| {
             let shell = mesh.measures.shells.iter().find(|s| s.material == material.id);
             MaterialReport {
                 material: material.clone(),
@@ -182,13 +183,13 @@ impl RunReport {
         Self {
             tool: concat!("interfacet ", env!("CARGO_PKG_VERSION")).into(),
             input,
-            warnings: warnings(&options, extraction, &mesh.defects),
+            warnings: warnings(&options, findings, &mesh.defects, merged_by_stl),
             options,
             materials: materials.collect(),
-            rejected_modes: extraction.rejected.clone(),
-            thresholds: if extraction.classification.is_some() { thresholds(table) } else { Vec::new() },
-            blur: extraction.blur,
-            classification: extraction.classification.clone(),
+            rejected_modes: findings.rejected.clone(),
+            thresholds: if findings.classification.is_some() { thresholds(table) } else { Vec::new() },
+            blur: findings.blur,
+            classification: findings.classification.clone(),
             vertices: mesh.measures.vertices,
             triangles: mesh.measures.triangles,
             pairs: pairs.collect(),
@@ -197,7 +198,7 @@ impl RunReport {
             defect_count: mesh.defects.total(),
             unexpected_defects: unexpected,
             defects: mesh.defects,
-            costs: extraction.costs.clone(),
+            costs: findings.costs.clone(),
         }
     }
 }
@@ -241,44 +242,48 @@ fn non_manifold(junctions: &Junctions, table: &MaterialTable) -> NonManifoldRepo
 }
 
 /// What a user should know before trusting the result.
-fn warnings(options: &PipelineOptions, extraction: &Extraction, defects: &Defects) -> Vec<String> {
+fn warnings(
+    options: &PipelineOptions,
+    findings: &Findings,
+    defects: &Defects,
+    merged_by_stl: u64,
+) -> Vec<String> {
     let mut out = Vec::new();
     if !defects.self_intersections_checked {
         out.push("self-intersections were not looked for".into());
     }
-    for mode in &extraction.rejected {
+    for mode in &findings.rejected {
         out.push(format!(
             "a mode of the histogram at grey {:.6} was not taken for a material: {}; name it with --material if it is one",
             mode.grey, mode.reason
         ));
     }
-    if options.radius.is_none() && extraction.blur.is_some_and(|b| b.sigma_mm.is_none()) {
+    if options.radius.is_none() && findings.blur.is_some_and(|b| b.sigma_mm.is_none()) {
         out.push("too few clean interfaces to estimate the blur; the usual radius was used".into());
     }
-    if let Some((from, to)) = extraction.blur.and_then(|b| b.lowered_from.map(|from| (from, b.radius))) {
+    if let Some((from, to)) = findings.blur.and_then(|b| b.lowered_from.map(|from| (from, b.radius))) {
         out.push(format!(
             "the radius R that the blur asks for ({:.2} voxels) would have lost thin parts, so {:.2} was used. Thin parts are found again but not measured: their mean grey, thickness, volume and holes are not reliable, and neither are interfaces between materials that are not neighbours in grey (set R with --radius)",
             from[0], to[0]
         ));
     }
-    let merged = vertices_merged_by_stl(&extraction.mesh);
-    if merged > 0 {
+    if merged_by_stl > 0 {
         out.push(format!(
-            "{merged} vertices fall together in the 32-bit coordinates of STL, as the volume lies far from the origin for its voxels' size: the STL files have defects there, the PLY files do not"
+            "{merged_by_stl} vertices fall together in the 32-bit coordinates of STL, as the volume lies far from the origin for its voxels' size: the STL files have defects there, the PLY files do not"
         ));
     }
-    let unused = extraction.materials.materials().iter().zip(&extraction.voxels).filter(|(_, n)| **n == 0);
+    let unused = findings.materials.materials().iter().zip(&findings.voxels).filter(|(_, n)| **n == 0);
     for (material, _) in unused {
         out.push(format!(
             "no voxel became {} (grey {:.6}): it occurs only in parts thinner than the blur allows, or its grey value is only that of a blurred interface",
             material.name, material.mean
         ));
     }
-    if let Some(counts) = extraction.classification.as_ref().filter(|c| c.densest_kept_share() < KEPT_SHARE) {
-        let densest = extraction.materials.count() - 1;
+    if let Some(counts) = findings.classification.as_ref().filter(|c| c.densest_kept_share() < KEPT_SHARE) {
+        let densest = findings.materials.count() - 1;
         out.push(format!(
             "{} has {} voxels by grey value but only {} were kept: parts thinner than twice the blur radius are lost (try a smaller --radius)",
-            extraction.materials.materials()[densest].name, counts.alpha[densest], counts.densest_kept
+            findings.materials.materials()[densest].name, counts.alpha[densest], counts.densest_kept
         ));
     }
     out

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Sample, VolumeError};
+use super::Sample;
 
 /// Samples of consecutive whole slices of a volume, x fastest. Voxels keep the coordinates that they
 /// have in the whole volume, so that a stage computes the same from a slab as from all of it.
@@ -67,29 +67,5 @@ impl<'a, S: Sample> Slab<'a, S> {
     #[must_use]
     pub fn grey(&self, [x, y, z]: [usize; 3]) -> f32 {
         self.samples[((z - self.slices[0]) * self.size[1] + y) * self.size[0] + x].to_f32()
-    }
-}
-
-/// Where slabs come from, in ascending order: a volume in memory, or one that is read as it is needed.
-pub trait SlabSource<S> {
-    /// Voxels per axis of the whole volume.
-    fn size(&self) -> [usize; 3];
-
-    /// A slab that holds at least the slices asked for. Asking for slices below those of the call
-    /// before begins a new pass.
-    ///
-    /// # Errors
-    /// Whatever went wrong while reading.
-    fn hold(&mut self, slices: Range<usize>) -> Result<Slab<'_, S>, VolumeError>;
-}
-
-/// A slab that is all there is to ask for.
-impl<S: Sample> SlabSource<S> for Slab<'_, S> {
-    fn size(&self) -> [usize; 3] {
-        self.size
-    }
-
-    fn hold(&mut self, _: Range<usize>) -> Result<Slab<'_, S>, VolumeError> {
-        Ok(*self)
     }
 }

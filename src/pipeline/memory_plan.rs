@@ -1,0 +1,171 @@
+//! How thick slabs may be, and how large pieces of mesh, within a budget of memory.
+//!
+//! Bytes are added up from what each pass holds at its peak. The parts that follow the surface cannot be
+//! known before; a piece of mesh is bounded by its number of triangles, except that it has one layer
+//! of cells at least.
+
+use std::path::Path;
+
+use super::PipelineError;
+use crate::classify::{LabelStore, LabelVolume, SlabPlan};
+use crate::material::{BLUR_HALO, survey_bytes};
+use crate::volume::{SampleType, sweep_bytes};
+
+/// The program, its tables, threads and buffers of files.
+const BASE: u64 = 48 << 20;
+/// Bytes that a triangle of a piece takes while it is made: vertices and triangle in lattice units.
+const MADE: u64 = 24;
+/// Bytes that a triangle of a piece takes while it is checked, measured, split and written.
+const USED: u64 = 360;
+/// Triangles of a piece where memory is no matter: enough to keep many threads busy.
+const PIECE: usize = 1 << 19;
+/// Pieces are not made smaller than this: each costs some layers looked at twice.
+const SMALLEST_PIECE: usize = 1 << 15;
+
+/// What a run may hold at a time.
+#[derive(Debug, Clone)]
+pub(super) struct MemoryPlan {
+    budget: Option<u64>,
+    size: [usize; 3],
+    sample: SampleType,
+    /// Triangles of a piece of mesh at most, if it has more than one layer.
+    pub(super) piece: usize,
+}
+
+impl MemoryPlan {
+    /// For a volume of `size` voxels of type `sample`; `budget` in bytes.
+    pub(super) fn new(size: [usize; 3], sample: SampleType, budget: Option<u64>) -> Self {
+        let mut plan = Self { budget, size, sample, piece: PIECE };
+        while budget.is_some_and(|budget| plan.pieces() > budget / 4) && plan.piece > SMALLEST_PIECE {
+            plan.piece /= 2;
+        }
+        plan
+    }
+
+    /// Bytes for the pieces under way.
+    fn pieces(&self) -> u64 {
+        self.piece as u64 * (MADE * rayon::current_num_threads() as u64 + USED)
+    }
+
+    /// Refuses a budget that is certainly too small, for about `materials` materials and passes with
+    /// `halo` slices.
+    pub(super) fn check(&self, materials: usize, halo: usize) -> Result<(), PipelineError> {
+        self.survey()?;
+        let plan = self.slabs(materials, halo, Some(Path::new("")))?;
+        self.contouring(materials, &plan).map(drop)
+    }
+
+    /// Slices of a slab while materials and blur are looked for.
+    pub(super) fn survey(&self) -> Result<usize, PipelineError> {
+        let kept = survey_bytes(self.size, self.sample);
+        self.thickest(|slices| BASE + kept + sweep_bytes(self.size, self.sample, slices, BLUR_HALO))
+    }
+
+    /// How to cut the volume for classification, whose passes read `halo` slices on each side. Labels go to
+    /// a scratch file in `scratch`, if one is given and memory cannot hold them.
+    pub(super) fn slabs(
+        &self,
+        materials: usize,
+        halo: usize,
+        scratch: Option<&Path>,
+    ) -> Result<SlabPlan, PipelineError> {
+        let whole = SlabPlan::whole(self.size);
+        let depth = self.size[2];
+        let labels = LabelStore::bytes(self.size, materials);
+        let n = materials as u64;
+        // All at once: alpha, core and pair planes while deciding; samples stay for contouring.
+        let samples = sweep_bytes(self.size, self.sample, depth, 0);
+        let decided = self.planes(3 * n + 1, depth);
+        if self.fits(BASE + samples + decided.max(labels + self.pieces())) {
+            return Ok(whole);
+        }
+        // Labels in memory are worth it while they leave most of it to slabs.
+        let kept = scratch.is_none() || self.budget.is_none_or(|budget| labels <= budget / 4);
+        let store = if kept { labels } else { 0 };
+        let steps = SlabPlan::STEPS;
+        let bytes = |slices: usize| {
+            let reach = (slices + 2 * (halo + steps)).min(depth);
+            let samples = sweep_bytes(self.size, self.sample, slices, halo + steps);
+            BASE + store + samples + self.planes(4 * n + 4, reach)
+        };
+        let slices = self.thickest(bytes)?.min(depth.div_ceil(2));
+        let scratch = if kept { None } else { scratch.map(Path::to_owned) };
+        Ok(SlabPlan { slices, steps, scratch })
+    }
+
+    /// Slices of a slab while the surface is extracted, for a volume classified by `plan`.
+    pub(super) fn contouring(&self, materials: usize, plan: &SlabPlan) -> Result<usize, PipelineError> {
+        if plan.slices >= self.size[2] {
+            return Ok(self.size[2]);
+        }
+        let labels = LabelStore::bytes(self.size, materials);
+        let kept = if plan.scratch.is_none() { labels } else { 0 };
+        let bits = u64::from(usize::BITS - materials.leading_zeros()) + 1;
+        self.thickest(|slices| {
+            let samples = sweep_bytes(self.size, self.sample, slices, 1);
+            BASE + kept + samples + self.planes(bits, slices + 2) + self.pieces()
+        })
+    }
+
+    /// Bytes of `slices` slices of bit planes.
+    fn planes(&self, count: u64, slices: usize) -> u64 {
+        let one = LabelVolume::undecided(self.size, 1, 1..2).codes().bytes() as u64;
+        one * count * slices as u64
+    }
+
+    /// Whether the whole volume can stay in memory for all of a run with usual materials and blur.
+    pub(super) fn holds_all(&self) -> bool {
+        self.slabs(4, 0, None).is_ok_and(|plan| plan.slices >= self.size[2])
+    }
+
+    fn fits(&self, bytes: u64) -> bool {
+        self.budget.is_none_or(|budget| bytes <= budget)
+    }
+
+    /// The thickest slab for which `bytes` fits the budget.
+    fn thickest(&self, bytes: impl Fn(usize) -> u64) -> Result<usize, PipelineError> {
+        let depth = self.size[2];
+        if self.fits(bytes(depth)) {
+            return Ok(depth);
+        }
+        if !self.fits(bytes(1)) {
+            let (budget, needed, size) = (self.budget.unwrap_or(u64::MAX), bytes(1), self.size);
+            return Err(PipelineError::Memory { budget, needed, size });
+        }
+        let (mut good, mut bad) = (1, depth);
+        while bad - good > 1 {
+            let middle = good.midpoint(bad);
+            if self.fits(bytes(middle)) {
+                good = middle;
+            } else {
+                bad = middle;
+            }
+        }
+        Ok(good)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_memory_means_thicker_slabs_up_to_all() {
+        let size = [1024; 3];
+        let plan = |mib: u64| MemoryPlan::new(size, SampleType::U16, Some(mib << 20));
+        let slices = |mib| {
+            let plan = plan(mib);
+            plan.slabs(3, 12, Some(Path::new("."))).map(|slabs| (slabs.slices, slabs.scratch.is_some()))
+        };
+        let thin = slices(700).unwrap();
+        let thick = slices(1024).unwrap();
+        assert!(thin.0 >= 1 && thin.0 < thick.0 && thin.1, "{thin:?} {thick:?}");
+        assert_eq!(slices(16 << 10).unwrap(), (1024, false));
+        assert_eq!(MemoryPlan::new(size, SampleType::U16, None).survey().unwrap(), 1024);
+        let Err(PipelineError::Memory { budget, needed, .. }) = plan(60).check(3, 12) else {
+            panic!("60 MiB cannot be enough")
+        };
+        assert!(needed > budget);
+        assert!(plan(needed.div_ceil(1 << 20)).survey().is_ok());
+    }
+}

@@ -1,0 +1,85 @@
+//! What to make of a volume.
+
+use serde::{Deserialize, Serialize};
+
+use super::PipelineError;
+use crate::classify::check_radius;
+use crate::contour::Border;
+use crate::grid::Geometry;
+use crate::material::{MaterialTable, MaterialTableError, check_count, radius_per_axis};
+
+/// What to make of a volume.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PipelineOptions {
+    /// Where the materials come from.
+    pub materials: MaterialChoice,
+    /// Radius R of the blur in voxels (of mean edge length); estimated where `None`.
+    pub radius: Option<f64>,
+    /// What happens at the volume's border.
+    pub border: Border,
+}
+
+/// Where the materials come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaterialChoice {
+    /// Found in the volume: their number too, unless it is given.
+    Find {
+        /// How many, if known.
+        count: Option<usize>,
+        /// Their names by ascending grey value, the background's first; as many as there are. Empty:
+        /// `air`, `material1`, ...
+        names: Vec<String>,
+    },
+    /// Given by name and mean grey value, in ascending order, the background first.
+    Given(Vec<NamedGrey>),
+    /// The volume holds labels, not grey values: each label is a material, the lowest the
+    /// background.
+    Labels,
+}
+
+impl Default for MaterialChoice {
+    fn default() -> Self {
+        Self::Find { count: None, names: Vec::new() }
+    }
+}
+
+/// A material given by the user.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NamedGrey {
+    /// Its name.
+    pub name: String,
+    /// Its mean grey value.
+    pub grey: f64,
+}
+
+impl PipelineOptions {
+    /// What can be refused before a volume of this geometry is read, which may take minutes.
+    ///
+    /// # Errors
+    /// [`PipelineError`] names the option.
+    pub fn check(&self, geometry: &Geometry) -> Result<(), PipelineError> {
+        match &self.materials {
+            MaterialChoice::Find { count, names } => {
+                check_count(*count)?;
+                if !names.is_empty() {
+                    // Any grey values will do to find out whether the names do.
+                    MaterialTable::new(names.iter().cloned().zip((0..).map(f64::from)))?;
+                }
+            }
+            MaterialChoice::Given(given) => drop(table_of(given)?),
+            MaterialChoice::Labels => {}
+        }
+        if let Some(radius) = self.radius {
+            check_radius(radius_per_axis(radius, geometry))?;
+        }
+        Ok(())
+    }
+}
+
+/// The table of materials given.
+pub(super) fn table_of(given: &[NamedGrey]) -> Result<MaterialTable, MaterialTableError> {
+    MaterialTable::new(given.iter().map(|m| (m.name.clone(), m.grey)))
+}
