@@ -4,95 +4,43 @@
 //! head (about ten million triangles); `cargo bench --bench assembly -- 250 350 116 5` another size
 //! and number of runs. `RAYON_NUM_THREADS` sets the threads. Prints the median of each stage over
 //! the runs, and the process's peak memory.
+//!
+//! `cargo bench --bench assembly -- costs 3` prints tables instead: cost against volume, number of
+//! materials and threads, medians of 3 runs.
 
 #![allow(clippy::print_stdout)] // a benchmark's output is its purpose
 
 use std::error::Error;
-use std::f32::consts::TAU;
-use std::time::Instant;
 
-use interfacet::classify::{Ball, LabelVolume, alpha, core, junction, pair, thin};
-use interfacet::contour::marching::march;
-use interfacet::contour::{Border, Thresholds};
-use interfacet::execution::{Execution, peak_memory};
+use interfacet::execution::peak_memory;
 use interfacet::grid::Geometry;
-use interfacet::material::{MaterialTable, estimate_blur, find_materials};
+use interfacet::material::{estimate_blur, find_materials};
 use interfacet::mesh::{InterfaceMesh, MeshMaterial};
-use interfacet::volume::Slab;
-use rayon::prelude::*;
+use rayon::ThreadPoolBuilder;
+use scene::{Clock, ENGINE, STAGES, Scene, median};
 
-/// R in voxels per axis.
-const RADIUS: [f64; 3] = [3.0, 3.0, 2.4];
-const STAGES: [&str; 7] = ["alpha", "core", "pair", "thin", "labels", "contour", "together"];
-
-/// Air, aluminium and iron separated by two gyroids: interfaces of all three pairs, curved every
-/// way, and junction curves everywhere; blurred by about 1.2 voxels, with 1 % noise.
-fn assembly(size: [usize; 3]) -> Vec<u16> {
-    const PERIODS: [f32; 2] = [112.0, 171.0];
-    const SIGMA: f32 = 1.2;
-    let [nx, ny, nz] = size;
-    let waves =
-        |n: usize, p: f32| -> Vec<(f32, f32)> { (0..n).map(|i| (TAU * i as f32 / p).sin_cos()).collect() };
-    let tables: Vec<[Vec<(f32, f32)>; 3]> =
-        PERIODS.iter().map(|&p| [nx, ny, nz].map(|n| waves(n, p))).collect();
-    let step = |d: f32| 1.0 / (1.0 + (-1.702 * d / SIGMA).exp());
-    let mut out = vec![0u16; nx * ny * nz];
-    out.par_chunks_mut(nx * ny).enumerate().for_each(|(z, slice)| {
-        for (i, value) in slice.iter_mut().enumerate() {
-            let (x, y) = (i % nx, i / nx);
-            let distance = |k: usize| {
-                let [tx, ty, tz] = &tables[k];
-                let ((sx, cx), (sy, cy), (sz, cz)) = (tx[x], ty[y], tz[z]);
-                (sx * cy + sy * cz + sz * cx) * PERIODS[k] / (TAU * 1.2)
-            };
-            let noise = (((i * 31 + z * 7919).wrapping_mul(2_654_435_761) >> 9) & 255) as f32 - 127.5;
-            let grey = 4000.0 + step(distance(0)) * (7600.0 + 28400.0 * step(distance(1)));
-            *value = (grey + noise) as u16;
-        }
-    });
-    out
-}
+mod scene;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let numbers: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    if std::env::args().any(|a| a == "costs") {
+        return costs(numbers.first().copied().unwrap_or(3).max(1));
+    }
     let (size, runs) = match numbers[..] {
         [x, y, z] => ([x, y, z], 3),
         [x, y, z, runs, ..] => ([x, y, z], runs.max(1)),
-        _ => ([500, 700, 231], 5),
+        _ => (ENGINE, 5),
     };
-    let samples = assembly(size);
+    let scene = Scene::new(size, 3)?;
     let geometry = Geometry::axis_aligned(size, [0.4, 0.4, 0.5])?;
-    let execution = Execution::default();
-    let table = MaterialTable::new([("air", 4000.0), ("aluminium", 11600.0), ("iron", 40000.0)])?;
-    let slab = Slab::whole(&samples, size);
     let before = peak_memory();
-
-    let mut times: Vec<[f64; 7]> = Vec::new();
+    let mut times = Vec::new();
     let mut last = None;
     for _ in 0..runs {
         drop(last.take());
-        let mut clock = Clock::start();
-        let mut laps = [0.0; 7];
-        let planes = alpha(slab, &table, 1..size[2] + 1);
-        laps[0] = clock.lap();
-        let certain = core(&planes, &Ball::new(RADIUS), planes.slices());
-        laps[1] = clock.lap();
-        let twice = Ball::new(RADIUS.map(|r| 2.0 * r));
-        let mut b = pair(slab, &certain, &planes, &twice, &table, planes.slices());
-        drop((planes, certain));
-        laps[2] = clock.lap();
-        let undecided = junction(&b);
-        let thinned = thin(slab, &mut b, &undecided, &table, RADIUS, &execution)?;
-        laps[3] = clock.lap();
-        let labels = LabelVolume::from_planes(&b);
-        drop(b);
-        laps[4] = clock.lap();
-        let rule = Thresholds::new(slab, &undecided, &table);
-        let patch = march(&labels, &rule, Border::Closed, &execution)?;
-        laps[5] = clock.lap();
-        laps[6] = laps.iter().sum();
+        let (laps, outcome) = scene.run()?;
         times.push(laps);
-        last = Some((patch, undecided.counts()[0], thinned.rounds));
+        last = Some((outcome.patch, outcome.undecided.counts()[0], outcome.rounds));
     }
     let peak = peak_memory();
     let Some((patch, undecided, rounds)) = last else { return Ok(()) };
@@ -103,14 +51,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         "{triangles} triangles, {vertices} vertices, {undecided} junction voxels, {rounds} rounds of thinning"
     );
     for (k, stage) in STAGES.iter().enumerate() {
-        let mut column: Vec<f64> = times.iter().map(|t| t[k]).collect();
-        column.sort_by(f64::total_cmp);
-        println!("{stage:<20}{:8.3} s", column[column.len() / 2]);
+        println!("{stage:<20}{:8.3} s", median(times.iter().map(|t| t[k])));
     }
     if let (Some(before), Some(peak)) = (before, peak) {
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         let mesh = (vertices * 13 + triangles * 14) as u64;
-        let per_voxel = peak.saturating_sub(before + mesh) as f64 / samples.len() as f64;
+        let per_voxel = peak.saturating_sub(before + mesh) as f64 / scene.samples.len() as f64;
         println!(
             "peak memory         {:8.1} MiB: input {:.1}, mesh {:.1}",
             mib(peak),
@@ -122,29 +68,52 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     println!("\nbefore and after that, once:");
     let mut clock = Clock::start();
-    let found = find_materials(slab, None)?;
+    let found = find_materials(scene.slab(), None)?;
     let means: Vec<f64> = found.table.materials().iter().map(|m| m.mean).collect();
     println!("find materials      {:8.3} s: {means:.0?}", clock.lap());
-    let blur = estimate_blur(slab, &geometry, &found.table);
+    let blur = estimate_blur(scene.slab(), &geometry, &found.table);
     println!("estimate blur       {:8.3} s: R {:.2?}", clock.lap(), blur.radius);
-    let mesh = InterfaceMesh::from_patch(patch, &geometry, MeshMaterial::from_table(&table))?;
+    let mesh = InterfaceMesh::from_patch(patch, &geometry, MeshMaterial::from_table(&scene.table))?;
     println!("to the world        {:8.3} s: {} triangles", clock.lap(), mesh.triangles().len());
     Ok(())
 }
 
-/// Times one stage after the other.
-struct Clock(Instant);
-
-impl Clock {
-    fn start() -> Self {
-        Self(Instant::now())
+/// Cost against volume, number of materials and threads.
+fn costs(runs: usize) -> Result<(), Box<dyn Error>> {
+    let [x, y, z] = ENGINE;
+    let all = rayon::current_num_threads();
+    let volumes = [[x / 2, y / 2, z / 2], ENGINE, [x, y, 2 * z], [2 * x, y, 2 * z]];
+    println!("seconds, medians of {runs} runs\n");
+    println!("| voxels | materials | threads | triangles | {} |", STAGES.join(" | "));
+    println!("|{}", "---|".repeat(4 + STAGES.len()));
+    for size in volumes {
+        row(size, 3, all, runs)?;
     }
-
-    /// Seconds since the last lap.
-    fn lap(&mut self) -> f64 {
-        let now = Instant::now();
-        let seconds = now.duration_since(self.0).as_secs_f64();
-        self.0 = now;
-        seconds
+    for materials in [2, 3, 5, 8] {
+        row(ENGINE, materials, all, runs)?;
     }
+    for threads in [1, 2, 4, 8, 16, 32, 64].into_iter().filter(|&n| n <= all) {
+        row(ENGINE, 3, threads, runs)?;
+    }
+    Ok(())
+}
+
+fn row(size: [usize; 3], materials: usize, threads: usize, runs: usize) -> Result<(), Box<dyn Error>> {
+    let scene = Scene::new(size, materials)?;
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let mut times = Vec::new();
+    let mut triangles = 0;
+    for _ in 0..runs {
+        // Errors cross threads as text.
+        let (laps, outcome) = pool.install(|| scene.run().map_err(|e| e.to_string()))?;
+        triangles = outcome.patch.triangles.len();
+        times.push(laps);
+    }
+    let columns = (0..STAGES.len()).map(|k| format!("{:.3}", median(times.iter().map(|t| t[k]))));
+    let [x, y, z] = size;
+    println!(
+        "| {x} x {y} x {z} | {materials} | {threads} | {triangles} | {} |",
+        columns.collect::<Vec<_>>().join(" | ")
+    );
+    Ok(())
 }

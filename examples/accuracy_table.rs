@@ -252,7 +252,8 @@ fn means(out: &mut impl Write, runs: &[Run]) -> std::io::Result<()> {
     writeln!(out, "| scene | grey values | found | noise found |\n|---|---|---|---|")?;
     for run in runs {
         let list = |values: Vec<String>| values.join(", ");
-        let (true_ones, found) = (run.phantom.materials().materials(), run.extraction.findings.materials.materials());
+        let (true_ones, found) =
+            (run.phantom.materials().materials(), run.extraction.findings.materials.materials());
         writeln!(
             out,
             "| {} | {} | {} | {} |",

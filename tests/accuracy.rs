@@ -45,8 +45,15 @@ fn run_with(options: &PhantomOptions, expected: std::ops::Range<f64>) -> Found {
     let source =
         MemorySource::new(phantom.geometry().clone(), phantom.rasterise(&execution).unwrap()).unwrap();
     let extraction = extract(&source, &PipelineOptions::default(), &execution).unwrap();
-    assert_eq!(extraction.findings.materials.count(), phantom.materials().count(), "{:?}", extraction.findings.materials);
-    for (found, exact) in extraction.findings.materials.materials().iter().zip(phantom.materials().materials()) {
+    assert_eq!(
+        extraction.findings.materials.count(),
+        phantom.materials().count(),
+        "{:?}",
+        extraction.findings.materials
+    );
+    for (found, exact) in
+        extraction.findings.materials.materials().iter().zip(phantom.materials().materials())
+    {
         let error = (found.mean - exact.mean).abs();
         // Half a percent of the iron's contrast: a wall of seven voxels has no voxel out of reach of the blur.
         assert!(error < 180.0 || options.scene.uses_thickness(), "{found:?} for {}", exact.mean);

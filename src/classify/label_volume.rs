@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use super::alpha::at_least_word;
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
 use super::label_ids::{KnownLabels, LabelIds};
@@ -49,6 +50,25 @@ impl LabelVolume {
     #[must_use]
     pub fn window(&self, slices: Range<usize>) -> Self {
         Self { codes: self.codes.clone().moved(slices), ..*self }
+    }
+
+    /// Two materials: 1 where the grey value is at least `threshold`, else 0. Holds the slices of the
+    /// slab, and `OUTSIDE` beyond them where the volume ends.
+    #[must_use]
+    pub fn from_threshold<S: Sample>(slab: Slab<'_, S>, threshold: f32) -> Self {
+        let (size, held) = (slab.size(), slab.slices());
+        let mut out = Self::all_outside(size, 2, Self::with_ends(held.start + 1..held.end + 1, size));
+        let voxels: Vec<u64> = (0..out.codes.words()).map(|w| out.codes.voxel_mask(w)).collect();
+        out.codes.fill_slices(|z, mut slice| {
+            for y in 1..=size[1] {
+                let samples = slab.row(y - 1, z - 1);
+                for (w, mask) in voxels.iter().enumerate() {
+                    slice.row(0, y)[w] = at_least_word(samples, w, threshold);
+                    slice.row(1, y)[w] &= !mask;
+                }
+            }
+        });
+        out
     }
 
     /// From a volume that is already segmented. Returns the labels that occur, ascending: the label

@@ -45,6 +45,37 @@ impl CrossingRule for Midpoints {
     }
 }
 
+/// Crossings of a single threshold, where every grey value is credible: an isosurface.
+#[derive(Debug, Clone, Copy)]
+pub struct Level<'a, S> {
+    slab: Slab<'a, S>,
+    threshold: f32,
+}
+
+impl<'a, S: Sample> Level<'a, S> {
+    /// For a slab and a grey value; labels must be 1 where the grey value is at least that, else 0.
+    #[must_use]
+    pub fn new(slab: Slab<'a, S>, threshold: f32) -> Self {
+        Self { slab, threshold }
+    }
+
+    fn above(&self, [x, y, z]: [usize; 3]) -> f32 {
+        self.slab.grey([x - 1, y - 1, z - 1]) - self.threshold
+    }
+}
+
+impl<S: Sample> CrossingRule for Level<'_, S> {
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        let mut to = from;
+        to[axis] += 1;
+        between(self.above(from), self.above(to), labels)
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        saddle_joins_first(ring.map(|p| self.above(p)), labels)
+    }
+}
+
 /// Crossings by the threshold of the pair; see the module's header. On ambiguous faces the sign of
 /// the bilinear interpolant at its saddle decides where all four grey values are credible,
 /// otherwise the material with the higher id is joined.
@@ -81,23 +112,34 @@ impl<S: Sample> CrossingRule for Thresholds<'_, S> {
         to[axis] += 1;
         let threshold = self.threshold(labels);
         let (Some(f), Some(g)) = (self.above(from, threshold), self.above(to, threshold)) else { return 0.5 };
-        let straddle = (f < 0.0) != (g < 0.0) && (f < 0.0) == (labels[0] < labels[1]);
-        if straddle { (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN) } else { 0.5 }
+        between(f, g, labels)
     }
 
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
         let threshold = self.threshold(labels);
         let [a, b, c, d] = ring.map(|p| self.above(p, threshold));
         let (Some(a), Some(b), Some(c), Some(d)) = (a, b, c, d) else { return labels[0] > labels[1] };
-        // Value of the bilinear interpolant at its saddle; it has a saddle as long as the signs
-        // alternate, which only an end labelled by another pair's threshold can spoil.
-        let alternate = (a < 0.0) == (c < 0.0) && (b < 0.0) == (d < 0.0) && (a < 0.0) != (b < 0.0);
-        if !alternate {
-            return labels[0] > labels[1];
-        }
-        let saddle = (a * c - b * d) / (a + c - b - d);
-        (saddle < 0.0) == (a < 0.0)
+        saddle_joins_first([a, b, c, d], labels)
     }
+}
+
+/// Where linear interpolation between `f` and `g`, grey values above the threshold at the ends of an edge,
+/// meets zero; the midpoint if they do not straddle it as the labels do.
+fn between(f: f32, g: f32, labels: [MaterialId; 2]) -> f32 {
+    let straddle = (f < 0.0) != (g < 0.0) && (f < 0.0) == (labels[0] < labels[1]);
+    if straddle { (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN) } else { 0.5 }
+}
+
+/// Whether the diagonal of corners 0 and 2 is joined on a face with these grey values above the threshold.
+fn saddle_joins_first([a, b, c, d]: [f32; 4], labels: [MaterialId; 2]) -> bool {
+    // Value of the bilinear interpolant at its saddle; it has a saddle as long as the signs
+    // alternate, which only an end labelled by another pair's threshold can spoil.
+    let alternate = (a < 0.0) == (c < 0.0) && (b < 0.0) == (d < 0.0) && (a < 0.0) != (b < 0.0);
+    if !alternate {
+        return labels[0] > labels[1];
+    }
+    let saddle = (a * c - b * d) / (a + c - b - d);
+    (saddle < 0.0) == (a < 0.0)
 }
 
 #[cfg(test)]

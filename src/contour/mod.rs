@@ -6,12 +6,14 @@
 
 mod crossing;
 mod error;
+mod isosurface;
 pub mod marching;
 mod patch;
 pub mod pattern;
 mod piece;
 
-pub use crossing::{CROSSING_MARGIN, CrossingRule, Midpoints, Thresholds};
+pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
 pub use error::ContourError;
+pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
 pub use piece::{Piece, SeamKey, merge};
