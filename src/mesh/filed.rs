@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Triangles in a run (few in tests, as small meshes are to have many) whose span of vertices is known.
 const RUN: usize = if cfg!(test) { 1 << 3 } else { 1 << 10 };
 /// The smallest bucket, in vertices, as a power of two.
-const SHIFT: u32 = if cfg!(test) { 4 } else { 14 };
+const SHIFT: u32 = if cfg!(test) { 4 } else { 15 };
 /// How often each run may be read, on average, before buckets are made larger.
 const READS: usize = 6;
 
@@ -73,8 +73,9 @@ impl<T: Copy + Default + Ord> Bucket<T> {
                 if *low as usize >= range.end || (*high as usize) < range.start {
                     continue;
                 }
-                for t in i * RUN..((i + 1) * RUN).min(triangles.len()) {
-                    for (key, entry) in entries(t, &triangles[t]).into_iter().flatten() {
+                let run = i * RUN..((i + 1) * RUN).min(triangles.len());
+                for (t, triangle) in run.clone().zip(&triangles[run]) {
+                    for (key, entry) in entries(t, triangle).into_iter().flatten() {
                         if range.contains(&(key as usize)) {
                             found(key as usize - range.start, entry);
                         }

@@ -54,7 +54,7 @@ impl<S: Sum> InChunks<S> {
         for next in later {
             self.whole.join(std::mem::replace(&mut self.open, next));
         }
-        if end % CHUNK == 0 {
+        if end.is_multiple_of(CHUNK) {
             self.whole.join(std::mem::take(&mut self.open));
         }
     }

@@ -38,18 +38,16 @@ pub(crate) fn find(
         .map(|(class, ranks)| {
             execution.check()?;
             let mut found = Found { count: 0, first: Vec::new() };
-            for rank in ranks {
-                trees.visit_overlaps(class, rank, |t, u| {
-                    let (t, u) = (t.min(u), t.max(u));
-                    if u >= own && meet_wrongly(window, t, u) {
-                        found.count += 1;
-                        found.first.push([t as u32, u as u32]);
-                        if found.first.len() >= 2 * keep.max(1 << 10) {
-                            keep_lowest(&mut found.first, keep);
-                        }
+            trees.visit_overlaps(class, ranks, |t, u| {
+                let (t, u) = (t.min(u), t.max(u));
+                if u >= own && meet_wrongly(window, t, u) {
+                    found.count += 1;
+                    found.first.push([t as u32, u as u32]);
+                    if found.first.len() >= 2 * keep.max(1 << 10) {
+                        keep_lowest(&mut found.first, keep);
                     }
-                });
-            }
+                }
+            });
             keep_lowest(&mut found.first, keep);
             if let Some(stage) = &stage {
                 stage.advance(1);

@@ -4,37 +4,40 @@
 //! each class is sorted along a Morton curve and gets an implicit binary tree of boxes over leaves of
 //! [`LEAF`] triangles. Each triangle asks the tree of its own class and the trees of all *smaller*
 //! classes. So large triangles never inflate the boxes that small ones have to visit, and a large
-//! slanted triangle discards subtrees that lie off its plane.
+//! slanted triangle discards subtrees that lie off its plane. In their own class, triangles ask in
+//! groups of neighbours along the curve, which walk the tree once together.
 //!
 //! Guarantee: every pair of triangles that have a point in common is visited, once. Boxes are f32
 //! rounded outwards. Not guaranteed: that visited pairs do meet; that is for exact predicates.
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
 /// Triangles per leaf: 4 and 8 took the same time on a million triangles, 2 took more.
 const LEAF: usize = 4;
+/// Triangles that walk the tree of their own class together, a multiple of [`LEAF`].
+const GROUP: usize = 16;
 /// Classes at most; the last one takes everything smaller.
 const CLASSES: usize = 8;
 
 /// An axis-aligned box, closed.
 #[derive(Debug, Clone, Copy)]
 struct Aabb {
-    low: Vec3,
-    high: Vec3,
+    low: Vec3A,
+    high: Vec3A,
 }
 
 impl Aabb {
-    const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+    const EMPTY: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
 
     fn join(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
     fn overlaps(&self, other: &Self) -> bool {
-        self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
+        (self.low.cmple(other.high) & other.low.cmple(self.high)).all()
     }
 }
 
@@ -107,8 +110,8 @@ impl<'a> SizeTrees<'a> {
         let down = |v: f64| (v as f32).next_down();
         let up = |v: f64| (v as f32).next_up();
         Aabb {
-            low: Vec3::new(down(low.x), down(low.y), down(low.z)),
-            high: Vec3::new(up(high.x), up(high.y), up(high.z)),
+            low: Vec3A::new(down(low.x), down(low.y), down(low.z)),
+            high: Vec3A::new(up(high.x), up(high.y), up(high.z)),
         }
     }
 
@@ -135,24 +138,49 @@ impl<'a> SizeTrees<'a> {
         self.trees.iter().enumerate().flat_map(portions).collect()
     }
 
-    /// Calls `visit(t, u)` for every triangle `u` that the triangle `t` of this class and rank is
-    /// responsible for and whose box overlaps its own.
-    pub(crate) fn visit_overlaps(&self, class: usize, rank: usize, mut visit: impl FnMut(usize, usize)) {
+    /// Calls `visit(t, u)` for every triangle `t` of this class and of these ranks and every triangle `u` that
+    /// it is responsible for and whose box overlaps its own.
+    pub(crate) fn visit_overlaps(
+        &self,
+        class: usize,
+        ranks: Range<usize>,
+        mut visit: impl FnMut(usize, usize),
+    ) {
         let own = &self.trees[class];
-        let (t, query) = (own.order[rank] as usize, own.boxes[rank]);
-        own.visit(&query, rank + 1, |_| true, |u| visit(t, u as usize));
-        if class + 1 < self.trees.len() {
-            let slab = Slab::of(self.triangles[t].map(|v| self.positions[v as usize] - self.centre));
-            for smaller in &self.trees[class + 1..] {
-                smaller.visit(&query, 0, |b| slab.may_meet(b), |u| visit(t, u as usize));
+        let mut leaves = Vec::new();
+        for first in ranks.clone().step_by(GROUP) {
+            let group = first..(first + GROUP).min(ranks.end);
+            let all = own.boxes[group.clone()].iter().fold(Aabb::EMPTY, |a, &b| a.join(b));
+            leaves.clear();
+            own.leaves(&all, first, |_| true, |leaf| leaves.push(leaf));
+            for rank in group {
+                let (t, query) = (own.order[rank] as usize, own.boxes[rank]);
+                for &leaf in &leaves {
+                    if own.nodes[own.leaves + leaf].overlaps(&query) {
+                        own.leaf(leaf, &query, rank + 1, |u| visit(t, u as usize));
+                    }
+                }
+                if class + 1 < self.trees.len() {
+                    let slab = Slab::of(self.triangles[t].map(|v| self.positions[v as usize] - self.centre));
+                    for smaller in &self.trees[class + 1..] {
+                        let found = |leaf| smaller.leaf(leaf, &query, 0, |u| visit(t, u as usize));
+                        smaller.leaves(&query, 0, |b| slab.may_meet(b), found);
+                    }
+                }
             }
         }
     }
 }
 
 impl Tree {
-    /// Calls `found` for the triangles from rank `first` on whose boxes overlap `query`.
-    fn visit(&self, query: &Aabb, first: usize, admit: impl Fn(&Aabb) -> bool, mut found: impl FnMut(u32)) {
+    /// Calls `found` for the leaves that reach rank `first` or beyond and whose boxes overlap `query`.
+    fn leaves(
+        &self,
+        query: &Aabb,
+        first: usize,
+        admit: impl Fn(&Aabb) -> bool,
+        mut found: impl FnMut(usize),
+    ) {
         // A node at depth d of a tree of 2^h leaves spans ranks; subtrees wholly before `first`
         // are skipped, which makes each pair of a class come up once.
         let mut stack = [0usize; 64];
@@ -168,17 +196,20 @@ impl Tree {
                 continue;
             }
             if node >= self.leaves {
-                let begin = ((node - self.leaves) * LEAF).max(first);
-                let end = ((node - self.leaves + 1) * LEAF).min(self.order.len());
-                for rank in begin..end {
-                    if self.boxes[rank].overlaps(query) {
-                        found(self.order[rank]);
-                    }
-                }
+                found(node - self.leaves);
             } else {
                 stack[top] = 2 * node + 1;
                 stack[top + 1] = 2 * node;
                 top += 2;
+            }
+        }
+    }
+
+    /// Calls `found` for the triangles of a leaf from rank `first` on whose boxes overlap `query`.
+    fn leaf(&self, leaf: usize, query: &Aabb, first: usize, mut found: impl FnMut(u32)) {
+        for rank in (leaf * LEAF).max(first)..((leaf + 1) * LEAF).min(self.order.len()) {
+            if self.boxes[rank].overlaps(query) {
+                found(self.order[rank]);
             }
         }
     }
@@ -243,11 +274,9 @@ mod tests {
         let trees = SizeTrees::new(&positions, &triangles, |_| true);
         let mut seen = std::collections::HashMap::new();
         for (class, ranks) in trees.askers(100) {
-            for rank in ranks {
-                trees.visit_overlaps(class, rank, |t, u| {
-                    *seen.entry((t.min(u), t.max(u))).or_insert(0) += 1;
-                });
-            }
+            trees.visit_overlaps(class, ranks, |t, u| {
+                *seen.entry((t.min(u), t.max(u))).or_insert(0) += 1;
+            });
         }
         assert!(seen.values().all(|&n| n == 1));
         for t in 0..600usize {
