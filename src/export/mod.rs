@@ -26,3 +26,6 @@ pub use read::{ReadOptions, read_mesh};
 pub use staging::{Abandoned, RESULT_MARK, StagedFolder, abandon_unfinished, write_atomically};
 pub use stl::{StlStream, write_stl};
 pub use stl_merged::{MergedByStl, vertices_merged_by_stl};
+
+#[cfg(test)]
+pub(crate) use ply_stream::tests::pieces;

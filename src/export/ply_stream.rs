@@ -252,4 +252,4 @@ impl ShellPlyStream {
 
 #[cfg(test)]
 #[path = "ply_tests.rs"]
-mod tests;
+pub(super) mod tests;

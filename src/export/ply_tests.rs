@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::export::{Coordinates, PlyEncoding, ReadOptions, read_mesh};
+use crate::export::{Coordinates, PlyEncoding, PlyPieces, ReadOptions, read_mesh};
 use crate::mesh::fixtures::{materials, parts, voxel_faces};
 use crate::mesh::{kinds_from_labels, split};
 
@@ -165,4 +165,89 @@ fn a_shell_in_portions_is_the_shell_as_a_mesh() {
     assert!(std::fs::read(&whole).unwrap() == std::fs::read(&cut).unwrap());
     let air = ShellPlyStream::create(&cut, mesh.materials(), MaterialId::BACKGROUND, options);
     assert!(matches!(air, Err(ExportError::Pieces { .. })));
+}
+
+#[test]
+fn a_file_comes_back_in_pieces_that_make_it_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, again] = ["whole.ply", "again.ply"].map(|name| folder.path().join(name));
+    let mesh = sample(0.25, 0.1);
+    let options = PlyOptions { coordinates: Coordinates::Double, ..PlyOptions::default() };
+    write_ply(&whole, &mesh, options).unwrap();
+    let pieces = PlyPieces::open(&whole, &ReadOptions::default()).unwrap();
+    assert_eq!(pieces.counts(), [mesh.positions().len() as u64, mesh.triangles().len() as u64]);
+    let mut out = PlyStream::create(&again, pieces.materials(), options).unwrap();
+    pieces.each(|piece| out.add(piece)).unwrap();
+    out.finish(&Execution::default()).unwrap();
+    assert!(std::fs::read(&whole).unwrap() == std::fs::read(&again).unwrap());
+    // An index that is too high, and another layout.
+    let mut bytes = std::fs::read(&whole).unwrap();
+    let last = bytes.len() - 3;
+    bytes[last] = 1;
+    std::fs::write(&again, &bytes).unwrap();
+    assert!(matches!(PlyPieces::open(&again, &ReadOptions::default()), Err(ExportError::Malformed { .. })));
+    write_ply(&again, &mesh, PlyOptions { encoding: PlyEncoding::Ascii, ..options }).unwrap();
+    assert!(matches!(PlyPieces::open(&again, &ReadOptions::default()), Err(ExportError::Malformed { .. })));
+}
+
+/// Our layout is read in blocks; the same file with one more element, of no entries, is read by the general
+/// reader. Whatever is broken, both say the same.
+#[test]
+fn both_ways_of_reading_agree_on_broken_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.ply");
+    let mesh = voxel_faces([2, 1, 1], &[1, 2], 255);
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        read_mesh(&path, &ReadOptions::default()).map_err(|e| e.to_string())
+    };
+    for coordinates in [Coordinates::Float, Coordinates::Double] {
+        write_ply(&path, &mesh, PlyOptions { coordinates, ..PlyOptions::default() }).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let end = b"end_header\n";
+        let head = bytes.windows(end.len()).position(|w| w == end).unwrap();
+        let general = |bytes: &[u8]| {
+            let extra = b"element extra 0\nproperty uchar extra\n";
+            read(&[&bytes[..head], extra, &bytes[head..]].concat())
+        };
+        let body = head + end.len();
+        assert_eq!(read(&bytes).unwrap(), general(&bytes).unwrap());
+        for cut in (body..bytes.len()).step_by(3) {
+            let cut = &bytes[..cut];
+            assert_eq!(read(cut).unwrap_err(), general(cut).unwrap_err());
+        }
+        for at in body..bytes.len() {
+            for flip in [0x02, 0x80] {
+                let mut broken = bytes.clone();
+                broken[at] ^= flip;
+                assert_eq!(format!("{:?}", read(&broken)), format!("{:?}", general(&broken)), "{at} {flip}");
+            }
+        }
+    }
+}
+
+/// A sparse file: it says that it is longer than 4 GiB, and what is read lies beyond.
+#[cfg(unix)]
+#[test]
+fn faces_beyond_four_gibibytes_are_found() {
+    use std::io::{BufReader, SeekFrom};
+
+    use crate::export::{ply_decode::Layout, ply_read};
+
+    let (vertices, faces) = (350_000_000, 2);
+    let mut file = tempfile::tempfile().unwrap();
+    let head = header(&materials(), PlyOptions::default(), [vertices, faces]).unwrap();
+    file.write_all(&head).unwrap();
+    file.set_len(head.len() as u64 + 13 * vertices + 15 * faces).unwrap();
+    file.rewind().unwrap();
+    let length = file.metadata().unwrap().len();
+    assert!(length > 1 << 32);
+    let mut input = BufReader::new(file);
+    let ply_read::Start { header, used, .. } = ply_read::start(&mut input, length).unwrap();
+    let layout = Layout::recognise(&header, used, length, &ReadOptions::default()).unwrap();
+    let mut file = input.into_inner();
+    file.seek(SeekFrom::Start(layout.offsets[1])).unwrap();
+    let mut bytes = Vec::new();
+    assert_eq!((file.read_to_end(&mut bytes).unwrap(), layout.offsets[2]), (30, length));
+    assert!(Layout::recognise(&header, used, length - 1, &ReadOptions::default()).is_none());
 }

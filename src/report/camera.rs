@@ -36,31 +36,58 @@ pub(super) struct HalfSpace {
     offset: f64,
 }
 
-impl Camera {
-    /// A camera that looks from `azimuth` and `elevation` (degrees) and shows `points` as large as
-    /// `samples` (width, height) allow.
-    pub(super) fn fitted(
-        points: impl Iterator<Item = DVec3>,
-        azimuth: f64,
-        elevation: f64,
-        samples: [usize; 2],
-    ) -> Self {
+/// What a camera has to show: gathers points and chooses the camera for them. The order of points does not
+/// matter.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    right: DVec3,
+    up: DVec3,
+    eye: DVec3,
+    /// Bounds of the points, along the three axes above.
+    low: DVec3,
+    high: DVec3,
+}
+
+impl Fit {
+    /// Without a point yet, for a camera that looks from `azimuth` and `elevation` (degrees).
+    pub(super) fn new(azimuth: f64, elevation: f64) -> Self {
         let (sa, ca) = azimuth.to_radians().sin_cos();
         let (se, ce) = elevation.to_radians().sin_cos();
-        let right = DVec3::new(ca, sa, 0.0);
-        let up = DVec3::new(-sa * se, ca * se, ce);
-        let eye = DVec3::new(sa * ce, -ca * ce, se);
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for p in points {
-            let seen = DVec3::new(right.dot(p), up.dot(p), eye.dot(p));
-            low = low.min(seen);
-            high = high.max(seen);
+        Self {
+            right: DVec3::new(ca, sa, 0.0),
+            up: DVec3::new(-sa * se, ca * se, ce),
+            eye: DVec3::new(sa * ce, -ca * ce, se),
+            low: DVec3::INFINITY,
+            high: DVec3::NEG_INFINITY,
         }
+    }
+
+    /// Adds a point.
+    pub(super) fn include(&mut self, p: DVec3) {
+        let seen = DVec3::new(self.right.dot(p), self.up.dot(p), self.eye.dot(p));
+        self.low = self.low.min(seen);
+        self.high = self.high.max(seen);
+    }
+
+    /// Adds the points of another one for the same camera.
+    pub(super) fn join(&mut self, other: &Self) {
+        self.low = self.low.min(other.low);
+        self.high = self.high.max(other.high);
+    }
+
+    /// Whether there is no point yet.
+    pub(super) fn is_empty(&self) -> bool {
+        self.low.x > self.high.x
+    }
+
+    /// The camera that shows the points as large as `samples` (width, height) allow.
+    pub(super) fn camera(&self, samples: [usize; 2]) -> Camera {
+        let Self { right, up, eye, low, high } = *self;
         let size = high - low;
         let fit = |extent: f64, n: usize| (1.0 - 2.0 * MARGIN) * n as f64 / extent;
         let scale = fit(size.x, samples[0]).min(fit(size.y, samples[1]));
         let mid = 0.5 * (low + high);
-        Self {
+        Camera {
             right,
             up,
             eye,
@@ -70,7 +97,9 @@ impl Camera {
             middle: samples.map(|n| 0.5 * n as f64),
         }
     }
+}
 
+impl Camera {
     /// Where a world point is seen: sample x, sample y (downwards), depth (growing away from the
     /// eye). All three in samples.
     pub(super) fn project(&self, p: DVec3) -> DVec3 {
@@ -112,26 +141,33 @@ impl HalfSpace {
 mod tests {
     use super::*;
 
+    fn fitted(points: impl Iterator<Item = DVec3>, azimuth: f64, elevation: f64, n: [usize; 2]) -> Camera {
+        let mut fit = Fit::new(azimuth, elevation);
+        assert!(fit.is_empty());
+        points.for_each(|p| fit.include(p));
+        fit.camera(n)
+    }
+
     fn cube() -> impl Iterator<Item = DVec3> {
         (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from((i >> 1) & 1), f64::from(i >> 2)))
     }
 
     #[test]
     fn the_front_view_has_x_to_the_right_and_z_up() {
-        let camera = Camera::fitted(cube(), 0.0, 0.0, [100, 100]);
+        let camera = fitted(cube(), 0.0, 0.0, [100, 100]);
         let p = camera.project(DVec3::new(1.0, 0.0, 1.0));
         assert!((p - DVec3::new(95.0, 5.0, -45.0)).length() < 1e-9, "{p}");
-        let above = Camera::fitted(cube(), 0.0, 90.0, [100, 100]);
+        let above = fitted(cube(), 0.0, 90.0, [100, 100]);
         let p = above.project(DVec3::new(1.0, 1.0, 0.0));
         assert!((p - DVec3::new(95.0, 5.0, 45.0)).length() < 1e-9, "{p}");
-        let side = Camera::fitted(cube(), 90.0, 0.0, [100, 100]);
+        let side = fitted(cube(), 90.0, 0.0, [100, 100]);
         assert!((side.turn(DVec3::X) - DVec3::Z).length() < 1e-12);
     }
 
     #[test]
     fn a_cut_keeps_what_is_behind_its_plane() {
         for (azimuth, elevation) in [(35.0, 25.0), (-120.0, -40.0), (0.0, 90.0), (200.0, 3.0)] {
-            let camera = Camera::fitted(cube(), azimuth, elevation, [300, 200]);
+            let camera = fitted(cube(), azimuth, elevation, [300, 200]);
             for axis in 0..3 {
                 let half = camera.behind(axis, 0.4);
                 let towards_eye = camera.turn([DVec3::X, DVec3::Y, DVec3::Z][axis]).z;

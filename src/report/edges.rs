@@ -54,7 +54,7 @@ pub(super) fn marked_edges(mesh: &InterfaceMesh, shown: impl Fn(usize) -> bool +
 }
 
 /// What an edge with triangles of these pairs is.
-fn mark_of(pairs: impl ExactSizeIterator<Item = crate::grid::Pair>) -> Option<EdgeMark> {
+pub(super) fn mark_of(pairs: impl ExactSizeIterator<Item = crate::grid::Pair>) -> Option<EdgeMark> {
     if pairs.len() == 1 {
         return Some(EdgeMark::Open);
     }

@@ -1,7 +1,7 @@
 //! What happened: [`RunReport`] for programs (`report.json`), and, for people, pictures of a mesh and of a volume's slices, drawn without a GPU or
 //! a display.
 //!
-//! [`render()`] draws a mesh with its own z-buffer; [`slice_picture`] draws a slice of grey values with the
+//! [`render()`] draws a mesh with its own z-buffer, [`render_ply`] one in a file without holding it; [`slice_picture`] draws a slice of grey values with the
 //! mesh's outline over it. Both give a [`Picture`], which saves itself as PNG. The same input gives the same
 //! bytes whatever the number of threads.
 
@@ -13,6 +13,7 @@ mod font;
 mod legend;
 mod outline;
 mod picture;
+mod piece_edges;
 mod raster;
 mod render;
 mod result_folder;
@@ -20,10 +21,11 @@ mod run_report;
 mod shade;
 mod shells;
 mod slice;
+mod view;
 
 pub use colour::{Palette, Rgb};
 pub use picture::{Background, Picture, PictureError};
-pub use render::{Cut, RenderOptions, render};
+pub use render::{Cut, RenderOptions, render, render_pieces, render_ply};
 pub use result_folder::{ResultError, ResultWriter};
 pub use run_report::{
     CurveReport, InputReport, MaterialReport, NonManifoldReport, PairReport, RunReport, ThresholdReport,

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::Rgb;
+use crate::execution::Cancelled;
 use crate::export::{ExportError, write_atomically};
 use crate::volume::VolumeError;
 
@@ -67,9 +68,12 @@ pub enum PictureError {
     /// The PNG encoder refused.
     #[error("cannot encode the picture: {0}")]
     Encode(#[from] image::ImageError),
-    /// The file could not be written.
+    /// The file could not be written, or a mesh not be read.
     #[error(transparent)]
     Export(#[from] ExportError),
+    /// Stopped from outside.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 /// What is behind the mesh.

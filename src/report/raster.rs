@@ -1,8 +1,9 @@
 //! The z-buffer of a band of the picture: which triangle, cap or line each sample shows.
 //!
 //! Corners are snapped to 1/256 of a sample and covered by integer edge functions with a tie rule, so
-//! triangles that share an edge neither overlap nor leave a gap. Among equal depths the lower triangle index wins
-//! if triangles are drawn in ascending order: a band does not depend on any other.
+//! triangles that share an edge neither overlap nor leave a gap. Among equal depths the triangle drawn first
+//! wins: if triangles are drawn in ascending order, a band depends neither on any other nor on where the mesh was
+//! cut into pieces.
 
 use glam::DVec3;
 
@@ -13,17 +14,6 @@ const STEPS: i32 = 256;
 /// Lines are drawn if they lie at most this much (in samples) behind the surface: they lie *on* it,
 /// and a surface's depth at a sample's centre is not its depth on the line.
 const LINE_BIAS: f32 = 2.0;
-
-/// What a sample shows, in one word: a triangle's index, or one of the marks at the upper end.
-pub(super) type Seen = u32;
-/// The background.
-pub(super) const EMPTY: Seen = u32::MAX;
-/// A line; its style (0 to 15) is added.
-pub(super) const LINE: Seen = EMPTY - 0x100;
-/// The cap on a cut; the material id is added.
-pub(super) const CAP: Seen = EMPTY - 0x200;
-/// Triangle indices are below this.
-pub(super) const TRIANGLES_END: Seen = CAP;
 
 /// A projected vertex.
 #[derive(Debug, Clone, Copy)]
@@ -72,19 +62,19 @@ pub(super) fn rows_of([a, b, c]: [Corner; 3]) -> (i64, i64) {
     samples_between(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y))
 }
 
-/// A band of rows of samples.
-pub(super) struct Band {
+/// A band of rows of samples, each of which shows an `S`.
+pub(super) struct Band<S> {
     width: usize,
     /// First row, of the picture's samples.
     top: usize,
     depth: Vec<f32>,
-    seen: Vec<Seen>,
+    seen: Vec<S>,
 }
 
-impl Band {
-    /// An empty band of `rows` rows from row `top` on.
-    pub(super) fn new(width: usize, top: usize, rows: usize) -> Self {
-        Self { width, top, depth: vec![f32::INFINITY; width * rows], seen: vec![EMPTY; width * rows] }
+impl<S: Copy> Band<S> {
+    /// A band of `rows` rows from row `top` on that shows nothing but `empty`.
+    pub(super) fn new(width: usize, top: usize, rows: usize, empty: S) -> Self {
+        Self { width, top, depth: vec![f32::INFINITY; width * rows], seen: vec![empty; width * rows] }
     }
 
     fn rows(&self) -> usize {
@@ -92,13 +82,19 @@ impl Band {
     }
 
     /// What the samples of a row (counted in the picture) show.
-    pub(super) fn row(&self, y: usize) -> &[Seen] {
+    pub(super) fn row(&self, y: usize) -> &[S] {
         let start = (y - self.top) * self.width;
         &self.seen[start..start + self.width]
     }
 
-    /// Draws a triangle, as far as `keep` keeps it, where nothing nearer is.
-    pub(super) fn triangle(&mut self, id: Seen, corners: [Corner; 3], keep: Option<&HalfSpace>) {
+    /// Draws a triangle, as far as `keep` keeps it, where nothing nearer is; `look` says what it shows at
+    /// a sample (x, y).
+    pub(super) fn triangle(
+        &mut self,
+        corners: [Corner; 3],
+        keep: Option<&HalfSpace>,
+        mut look: impl FnMut(usize, usize) -> S,
+    ) {
         let area = signed_area(corners);
         if area == 0 {
             return;
@@ -125,7 +121,7 @@ impl Band {
                     let kept = keep.is_none_or(|k| k.keeps(x as f64 + 0.5, y as f64 + 0.5, f64::from(z)));
                     if kept && z < self.depth[start + x] {
                         self.depth[start + x] = z;
-                        self.seen[start + x] = id;
+                        self.seen[start + x] = look(x, y);
                     }
                 }
                 for (w, e) in w.iter_mut().zip(&edges) {
@@ -135,17 +131,15 @@ impl Band {
         }
     }
 
-    /// Closes the cut: where the plane passes through a material that `material` names behind it
-    /// (given what the sample sees first), the sample shows that material's cap.
-    pub(super) fn cap(&mut self, plane: &HalfSpace, material: impl Fn(Seen) -> Option<u8>) {
+    /// Closes the cut: a sample shows what `cap` makes of what it has shown so far, at (x, y), and lies in the
+    /// plane then.
+    pub(super) fn cap(&mut self, plane: &HalfSpace, cap: impl Fn(&S, usize, usize) -> Option<S>) {
         for (i, (seen, depth)) in self.seen.iter_mut().zip(&mut self.depth).enumerate() {
-            if *seen == EMPTY {
-                continue;
-            }
             let (x, y) = (i % self.width, self.top + i / self.width);
-            let at = plane.plane_depth(x as f64 + 0.5, y as f64 + 0.5);
-            if let (Some(at), Some(id)) = (at, material(*seen)) {
-                *seen = CAP + Seen::from(id);
+            if let Some(capped) = cap(seen, x, y)
+                && let Some(at) = plane.plane_depth(x as f64 + 0.5, y as f64 + 0.5)
+            {
+                *seen = capped;
                 *depth = at as f32;
             }
         }
@@ -155,7 +149,7 @@ impl Band {
     /// into rows `rows`. The band must reach beyond them by `radius` + 1 rows where the picture does.
     pub(super) fn line(
         &mut self,
-        style: u32,
+        look: S,
         [a, b]: [DVec3; 2],
         radius: f64,
         rows: std::ops::Range<usize>,
@@ -191,7 +185,7 @@ impl Band {
                         .map_or(k.keeps(axis.x, axis.y, axis.z), |z| axis.z >= z - f64::from(LINE_BIAS))
                 });
                 if kept && axis.z as f32 - LINE_BIAS <= self.farthest_near(axis.x, axis.y) {
-                    self.seen[(y - self.top) * self.width + x] = LINE + style;
+                    self.seen[(y - self.top) * self.width + x] = look;
                 }
             }
         }
@@ -250,8 +244,8 @@ mod tests {
         let hub = corner(3.5, 5.5, 0.0);
         let mut count = vec![0; 100];
         for k in 0..8 {
-            let mut band = Band::new(10, 0, 10);
-            band.triangle(1, [hub, ring[k], ring[(k + 1) % 8]], None);
+            let mut band = Band::new(10, 0, 10, 0);
+            band.triangle([hub, ring[k], ring[(k + 1) % 8]], None, |_, _| 1);
             for (n, seen) in count.iter_mut().zip(&band.seen) {
                 *n += i32::from(*seen == 1);
             }
@@ -269,15 +263,15 @@ mod tests {
         let near = [corner(0.0, 0.0, 1.0), corner(0.0, 20.0, 1.0), corner(20.0, 0.0, 1.0)];
         let far = [corner(0.0, 0.0, 9.0), corner(20.0, 0.0, 9.0), corner(0.0, 20.0, 9.0)];
         for order in [[0, 1], [1, 0]] {
-            let mut band = Band::new(10, 0, 10);
+            let mut band = Band::new(10, 0, 10, 9);
             for id in order {
-                band.triangle(id, [near, far][id as usize], None);
+                band.triangle([near, far][id], None, |_, _| id);
             }
             assert!(band.row(5).iter().all(|s| *s == 0));
             band.line(3, [DVec3::new(0.0, 5.5, 9.0), DVec3::new(9.0, 5.5, 9.0)], 0.6, 0..10, None);
             assert!(band.row(5).iter().all(|s| *s == 0));
             band.line(3, [DVec3::new(0.0, 5.5, 1.0), DVec3::new(9.5, 5.5, 1.0)], 0.6, 0..10, None);
-            assert!(band.row(5).iter().all(|s| *s == LINE + 3));
+            assert!(band.row(5).iter().all(|s| *s == 3));
             assert!(band.row(6).iter().all(|s| *s == 0));
         }
         assert!(signed_area(near) < 0 && signed_area(far) > 0);

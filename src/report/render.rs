@@ -1,24 +1,27 @@
 //! A shaded picture of a mesh.
 //!
 //! The picture is drawn in bands, each with a z-buffer of its own: first the triangles, then the caps
-//! of a cut, then lines where they are not hidden; each sample is coloured and samples are averaged to pixels.
-//! Bands share nothing, and each draws in ascending order: the bytes are the same for any number of threads.
+//! of a cut, then lines where they are not hidden; samples are averaged to pixels. Bands share nothing, and each
+//! draws in ascending order: the bytes are the same for any number of threads, and wherever the mesh is cut
+//! into pieces. A mesh at hand is drawn band after band, with the memory of a few bands; one
+//! in pieces is drawn into all bands at once, with the memory of these and of a piece.
 
-use std::ops::Range;
+use std::path::Path;
 
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::camera::{Camera, HalfSpace};
-use super::colour::INK;
+use super::camera::Fit;
 use super::edges::{EdgeMark, MarkedEdge, marked_edges};
 use super::legend::{Entry, Legend};
-use super::raster::{self, Band, Corner, Seen};
-use super::shade::{hatched, line_colour, lit, wire};
-use super::{Background, Palette, Picture, PictureError, Rgb};
-use crate::grid::{MaterialId, Pair};
-use crate::mesh::InterfaceMesh;
+use super::piece_edges::PieceEdges;
+use super::view::{View, is_shown};
+use super::{Background, Palette, Picture, PictureError};
+use crate::execution::Execution;
+use crate::export::{PlyPieces, ReadOptions};
+use crate::grid::MaterialId;
+use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
 
 /// A plane across a world axis; the part of the mesh on the eye's side of it is not drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -86,10 +89,10 @@ impl Default for RenderOptions {
     }
 }
 
-/// Pixel rows per band: a band's z-buffer should stay in a core's cache.
+/// Pixel rows per band of a mesh at hand: a band's z-buffer should stay in a core's cache.
 const BAND_ROWS: usize = 16;
-/// Triangles that one task sorts into bands.
-const BIN_CHUNK: usize = 1 << 16;
+/// Pixel rows per band of a mesh in pieces: all bands are held, so little should be computed twice.
+const HELD_BAND_ROWS: usize = 64;
 
 /// Draws a mesh, as large as the picture allows.
 ///
@@ -97,7 +100,104 @@ const BIN_CHUNK: usize = 1 << 16;
 /// [`PictureError::Size`] and [`PictureError::Option`] for options out of range,
 /// [`PictureError::Nothing`] if no triangle is to be shown.
 pub fn render(mesh: &InterfaceMesh, options: &RenderOptions) -> Result<Picture, PictureError> {
-    let mut picture = Picture::new(options.width, options.height, options.background)?;
+    let mut picture = checked(options)?;
+    countable(mesh)?;
+    let fit = shown_bounds(mesh, options);
+    if fit.is_empty() {
+        return Err(PictureError::Nothing { triangles: mesh.triangles().len() });
+    }
+    let marked = if options.junctions || options.open_edges {
+        marked_edges(mesh, |t| is_shown(mesh.pairs()[t], &options.only))
+    } else {
+        Vec::new()
+    };
+    let position = |v: u32| mesh.positions()[v as usize];
+    let lines = marked.into_iter().map(|MarkedEdge { vertices, mark }| (mark, vertices.map(position)));
+    let view = View::new(options, &fit, wanted(lines, options), BAND_ROWS);
+    let shape = view.project(mesh);
+    let drawn: Vec<Vec<Entry>> = picture
+        .rgba_mut()
+        .par_chunks_mut(4 * options.width * BAND_ROWS)
+        .enumerate()
+        .map(|(k, pixels)| {
+            let mut band = view.band(k);
+            view.draw(&shape, k, &mut band);
+            view.finish(k, band, pixels)
+        })
+        .collect();
+    explain(&mut picture, drawn, mesh.materials(), options);
+    Ok(picture)
+}
+
+/// Draws a mesh that is given in pieces, twice, by `replay`, which hands them to what it is given, in order, and
+/// hands its error on. The picture is the one that [`render()`] draws of the whole mesh if the vertices'
+/// kinds are right: lines are looked for between vertices on junctions or on the volume's border only. Takes, apart
+/// from a piece, 12 bytes for every sample of the picture.
+///
+/// # Errors
+/// As [`render()`], and those of `replay`.
+pub fn render_pieces(
+    materials: &[MeshMaterial],
+    replay: impl Fn(&mut dyn FnMut(&MeshPiece) -> Result<(), PictureError>) -> Result<(), PictureError>,
+    options: &RenderOptions,
+) -> Result<Picture, PictureError> {
+    let mut picture = checked(options)?;
+    let mut fit = Fit::new(options.azimuth, options.elevation);
+    let (mut edges, mut triangles) = (PieceEdges::default(), 0);
+    replay(&mut |piece| {
+        countable(&piece.mesh)?;
+        fit.join(&shown_bounds(&piece.mesh, options));
+        if options.junctions || options.open_edges {
+            edges.add(piece, |pair| is_shown(pair, &options.only));
+        }
+        triangles += piece.mesh.triangles().len();
+        Ok(())
+    })?;
+    if fit.is_empty() {
+        return Err(PictureError::Nothing { triangles });
+    }
+    let lines = edges.finish(|pair| is_shown(pair, &options.only));
+    let view = View::new(options, &fit, wanted(lines, options), HELD_BAND_ROWS);
+    let mut bands: Vec<_> = (0..options.height.div_ceil(HELD_BAND_ROWS)).map(|k| view.band(k)).collect();
+    replay(&mut |piece| {
+        let shape = view.project(&piece.mesh);
+        bands.par_iter_mut().enumerate().for_each(|(k, band)| view.draw(&shape, k, band));
+        Ok(())
+    })?;
+    let drawn: Vec<Vec<Entry>> = picture
+        .rgba_mut()
+        .par_chunks_mut(4 * options.width * HELD_BAND_ROWS)
+        .zip(bands)
+        .enumerate()
+        .map(|(k, (pixels, band))| view.finish(k, band, pixels))
+        .collect();
+    explain(&mut picture, drawn, materials, options);
+    Ok(picture)
+}
+
+/// Draws the mesh of a PLY file that this program wrote, without holding it; see [`render_pieces`].
+///
+/// # Errors
+/// As [`render()`], and [`PictureError::Export`] for a file that cannot be read or is of another layout,
+/// [`PictureError::Cancelled`].
+pub fn render_ply(
+    path: &Path,
+    options: &RenderOptions,
+    execution: &Execution,
+) -> Result<Picture, PictureError> {
+    let pieces = PlyPieces::open(path, &ReadOptions::default())?;
+    let replay = |take: &mut dyn FnMut(&MeshPiece) -> Result<(), PictureError>| {
+        pieces.each(|piece| {
+            execution.check()?;
+            take(piece)
+        })
+    };
+    render_pieces(pieces.materials(), replay, options)
+}
+
+/// An empty picture for options that are in their ranges.
+fn checked(options: &RenderOptions) -> Result<Picture, PictureError> {
+    let picture = Picture::new(options.width, options.height, options.background)?;
     let limit = |what, value: f64, ok: bool, needed| {
         if ok { Ok(()) } else { Err(PictureError::Option { what, value, needed }) }
     };
@@ -109,285 +209,55 @@ pub fn render(mesh: &InterfaceMesh, options: &RenderOptions) -> Result<Picture, 
         limit("the axis of the cut", axis as f64, axis < 3, "0, 1 or 2 (x, y or z)")?;
         limit("the position of the cut", position, position.is_finite(), "a finite number of mm")?;
     }
+    Ok(picture)
+}
 
-    let scene = Scene::new(mesh, options)?;
-    let bins = scene.bins();
-    let drawn: Vec<Vec<Entry>> = picture
-        .rgba_mut()
-        .par_chunks_mut(4 * options.width * BAND_ROWS)
-        .enumerate()
-        .map(|(band, pixels)| scene.draw_band(band, &bins, pixels))
-        .collect();
+/// Refuses a mesh whose triangles `u32` does not count.
+fn countable(mesh: &InterfaceMesh) -> Result<(), PictureError> {
+    let (what, value) = ("the number of triangles", mesh.triangles().len());
+    let needed = "below 2^32";
+    let refused = |_| PictureError::Option { what, value: value as f64, needed };
+    u32::try_from(value).map(drop).map_err(refused)
+}
+
+/// What a camera must show of a mesh.
+fn shown_bounds(mesh: &InterfaceMesh, options: &RenderOptions) -> Fit {
+    let empty = || Fit::new(options.azimuth, options.elevation);
+    let both = |mut a: Fit, b: Fit| {
+        a.join(&b);
+        a
+    };
+    let triangles = mesh.triangles().par_iter().zip(mesh.pairs());
+    let shown = triangles.filter(|(_, pair)| is_shown(**pair, &options.only));
+    let bounds = shown.fold(empty, |mut fit, (triangle, _)| {
+        triangle.iter().for_each(|&v| fit.include(mesh.positions()[v as usize]));
+        fit
+    });
+    bounds.reduce(empty, both)
+}
+
+/// The lines that the options ask for.
+fn wanted(
+    lines: impl IntoIterator<Item = (EdgeMark, [DVec3; 2])>,
+    options: &RenderOptions,
+) -> Vec<(EdgeMark, [DVec3; 2])> {
+    let is_wanted = |mark| if mark == EdgeMark::Open { options.open_edges } else { options.junctions };
+    lines.into_iter().filter(|line| is_wanted(line.0)).collect()
+}
+
+/// Draws the legend of what is seen.
+fn explain(
+    picture: &mut Picture,
+    drawn: Vec<Vec<Entry>>,
+    materials: &[MeshMaterial],
+    options: &RenderOptions,
+) {
     if options.legend {
         let mut entries: Vec<Entry> = drawn.into_iter().flatten().collect();
         entries.sort_unstable();
         entries.dedup();
-        let legend = Legend::new(&entries, mesh.materials(), &options.palette, options.height);
-        legend.draw_in_emptiest_corner(&mut picture);
+        Legend::new(&entries, materials, &options.palette, options.height).draw_in_emptiest_corner(picture);
     }
-    Ok(picture)
-}
-
-/// Everything that the bands read.
-struct Scene<'a> {
-    mesh: &'a InterfaceMesh,
-    options: &'a RenderOptions,
-    /// Projected vertices.
-    corners: Vec<Corner>,
-    /// Colour of every triangle in the light, before hatching.
-    tones: Vec<Rgb>,
-    lines: Vec<Line>,
-    keep: Option<HalfSpace>,
-}
-
-/// A marked edge on the screen.
-struct Line {
-    mark: EdgeMark,
-    /// Projected.
-    ends: [DVec3; 2],
-    /// Half its width, in samples.
-    radius: f64,
-}
-
-/// Which triangles and lines touch which band: ascending within a band.
-struct Bins {
-    /// Per chunk of triangles, per band.
-    triangles: Vec<Vec<Vec<u32>>>,
-    /// Per band.
-    lines: Vec<Vec<u32>>,
-}
-
-impl<'a> Scene<'a> {
-    fn new(mesh: &'a InterfaceMesh, options: &'a RenderOptions) -> Result<Self, PictureError> {
-        let triangles = mesh.triangles();
-        if triangles.len() >= raster::TRIANGLES_END as usize {
-            let (what, value) = ("the number of triangles", triangles.len() as f64);
-            return Err(PictureError::Option { what, value, needed: "below 2^32 - 512" });
-        }
-        let shown = |t: usize| is_shown(mesh.pairs()[t], &options.only);
-        if !(0..triangles.len()).any(shown) {
-            return Err(PictureError::Nothing { triangles: triangles.len() });
-        }
-        let size = [options.width, options.height].map(|n| n * options.supersampling);
-        let points = (0..triangles.len()).filter(|&t| shown(t)).flat_map(|t| mesh.corners(t));
-        let camera = Camera::fitted(points, options.azimuth, options.elevation, size);
-        let projected: Vec<DVec3> = mesh.positions().par_iter().map(|&p| camera.project(p)).collect();
-        let tones = (0..triangles.len())
-            .into_par_iter()
-            .map(|t| {
-                let pair = mesh.pairs()[t];
-                let colour = options.palette.surface(pair);
-                let shade = lit(colour, mesh.corners(t), &camera);
-                // A cut face is a drawing more than a surface: it must stay light from every side.
-                if pair.front() == MaterialId::OUTSIDE { shade.mix(colour, 0.6) } else { shade }
-            })
-            .collect();
-        let mut lines: Vec<Line> = if options.junctions || options.open_edges {
-            marked_edges(mesh, shown)
-                .into_iter()
-                .filter(|e| if e.mark == EdgeMark::Open { options.open_edges } else { options.junctions })
-                .map(|MarkedEdge { vertices, mark }| Line {
-                    mark,
-                    ends: vertices.map(|v| projected[v as usize]),
-                    radius: 0.5 * line_width(mark, options) * options.supersampling as f64,
-                })
-                .collect()
-        } else {
-            Vec::new()
-        };
-        // What matters more is drawn later, over the rest. (A stable sort: ties keep their order.)
-        lines.sort_by_key(|line| line.mark);
-        Ok(Self {
-            mesh,
-            options,
-            corners: projected.into_par_iter().map(Corner::new).collect(),
-            tones,
-            lines,
-            keep: options.cut.map(|cut| camera.behind(cut.axis, cut.position)),
-        })
-    }
-
-    fn corners_of(&self, t: usize) -> [Corner; 3] {
-        self.mesh.triangles()[t].map(|v| self.corners[v as usize])
-    }
-
-    /// Rows of samples in a picture.
-    fn sample_rows(&self) -> usize {
-        self.options.height * self.options.supersampling
-    }
-
-    /// Rows that a band computes beyond its own on either side, because lines look there.
-    fn halo(&self) -> usize {
-        self.lines.iter().map(|l| l.radius).fold(0.0, f64::max).ceil() as usize + 2
-    }
-
-    fn bins(&self) -> Bins {
-        let bands = self.options.height.div_ceil(BAND_ROWS);
-        let rows_per_band = (BAND_ROWS * self.options.supersampling) as i64;
-        let halo = self.halo() as i64;
-        // Bands whose rows, widened by a margin, meet rows `low..high`.
-        let touched = move |(low, high): (i64, i64), margin: i64| -> Range<usize> {
-            let clamp = |v: i64| v.clamp(0, bands as i64) as usize;
-            let first = (low - margin).div_euclid(rows_per_band);
-            clamp(first)..clamp((high - 1 + margin).div_euclid(rows_per_band) + 1)
-        };
-        let count = self.mesh.triangles().len();
-        let triangles = (0..count.div_ceil(BIN_CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut bins = vec![Vec::new(); bands];
-                for t in chunk * BIN_CHUNK..count.min((chunk + 1) * BIN_CHUNK) {
-                    let rows = raster::rows_of(self.corners_of(t));
-                    if rows.0 < rows.1 && is_shown(self.mesh.pairs()[t], &self.options.only) {
-                        touched(rows, halo).for_each(|band| bins[band].push(t as u32));
-                    }
-                }
-                bins
-            })
-            .collect();
-        let mut lines = vec![Vec::new(); bands];
-        for (i, Line { ends: [a, b], radius, .. }) in self.lines.iter().enumerate() {
-            let low = (a.y.min(b.y) - radius).floor() as i64;
-            let high = (a.y.max(b.y) + radius).ceil() as i64;
-            touched((low, high), 0).for_each(|band| lines[band].push(i as u32));
-        }
-        Bins { triangles, lines }
-    }
-
-    /// Draws a band's pixels; returns what is seen in them.
-    fn draw_band(&self, band: usize, bins: &Bins, pixels: &mut [u8]) -> Vec<Entry> {
-        let samples = self.options.supersampling;
-        let width = self.options.width * samples;
-        let rows = pixels.len() / (4 * self.options.width);
-        let own = band * BAND_ROWS * samples..(band * BAND_ROWS + rows) * samples;
-        let top = own.start.saturating_sub(self.halo());
-        let bottom = (own.end + self.halo()).min(self.sample_rows());
-        let mut buffer = Band::new(width, top, bottom - top);
-        for &t in bins.triangles.iter().flat_map(|chunk| &chunk[band]) {
-            buffer.triangle(t, self.corners_of(t as usize), self.keep.as_ref());
-        }
-        if let (Some(plane), true) = (&self.keep, self.options.caps) {
-            buffer.cap(plane, |seen| self.material_before(seen));
-        }
-        for &i in &bins.lines[band] {
-            let Line { mark, ends, radius } = &self.lines[i as usize];
-            buffer.line(*mark as u32, *ends, *radius, own.clone(), self.keep.as_ref());
-        }
-        self.resolve(&buffer, own.start, pixels)
-    }
-
-    /// The material in front of what is seen, if it is a body that is shown.
-    fn material_before(&self, seen: Seen) -> Option<u8> {
-        let pair = self.mesh.pairs()[seen as usize];
-        let is_front = raster::signed_area(self.corners_of(seen as usize)) < 0;
-        let id = if is_front { pair.front() } else { pair.back() };
-        let is_body = id != MaterialId::BACKGROUND && id != MaterialId::OUTSIDE;
-        let only = &self.options.only;
-        (is_body && (only.is_empty() || only.contains(&id))).then_some(id.0)
-    }
-
-    /// Colours samples and averages them to pixels, over what is there; returns what is seen.
-    fn resolve(&self, band: &Band, first_row: usize, pixels: &mut [u8]) -> Vec<Entry> {
-        let n = self.options.supersampling;
-        let mut entries = Vec::new();
-        for (row, line) in pixels.chunks_exact_mut(4 * self.options.width).enumerate() {
-            for (x, pixel) in line.chunks_exact_mut(4).enumerate() {
-                let (mut sum, mut covered) = ([0u32; 3], 0u32);
-                for dy in 0..n {
-                    let y = first_row + row * n + dy;
-                    for (dx, &seen) in band.row(y)[x * n..(x + 1) * n].iter().enumerate() {
-                        if seen == raster::EMPTY {
-                            continue;
-                        }
-                        let Rgb(r, g, b) = self.colour(seen, x * n + dx, y);
-                        covered += 1;
-                        for (s, c) in sum.iter_mut().zip([r, g, b]) {
-                            *s += u32::from(c);
-                        }
-                    }
-                }
-                if covered == 0 {
-                    continue;
-                }
-                let entry = self.entry(band.row(first_row + row * n)[x * n]);
-                if let Some(entry) = entry.filter(|e| !entries.contains(e)) {
-                    entries.push(entry);
-                }
-                // The background is white or clear; clear pixels keep the colour of what covers them.
-                let all = (n * n) as u32;
-                let missing = if pixel[3] == 255 { all - covered } else { 0 };
-                let count = covered + missing;
-                for (p, s) in pixel.iter_mut().zip(sum) {
-                    *p = ((s + 255 * missing + count / 2) / count) as u8;
-                }
-                pixel[3] = pixel[3].max((255 * covered / all) as u8);
-            }
-        }
-        entries
-    }
-
-    fn entry(&self, seen: Seen) -> Option<Entry> {
-        match seen {
-            raster::EMPTY => None,
-            s if s >= raster::LINE => mark_of(s).map(Entry::Line),
-            s if s >= raster::CAP => Some(Entry::Section(MaterialId((s - raster::CAP) as u8))),
-            t => Some(Entry::Surface(self.mesh.pairs()[t as usize])),
-        }
-    }
-
-    /// Colour of a sample at column `x` of row `y`.
-    fn colour(&self, seen: Seen, x: usize, y: usize) -> Rgb {
-        if seen >= raster::LINE {
-            return mark_of(seen).map_or(INK, line_colour);
-        }
-        let per_pixel = self.options.supersampling;
-        if seen >= raster::CAP {
-            let id = MaterialId((seen - raster::CAP) as u8);
-            return hatched(self.options.palette.cut_face(id), id, [x, y], per_pixel, unit(self.options));
-        }
-        let t = seen as usize;
-        let pair = self.mesh.pairs()[t];
-        let mut tone = self.tones[t];
-        if pair.front() == MaterialId::OUTSIDE {
-            tone = hatched(tone, pair.back(), [x, y], per_pixel, unit(self.options));
-        }
-        if self.options.wireframe {
-            let corners = self.corners_of(t).map(Corner::place);
-            tone = tone.mix(INK, wire(corners, [x, y], per_pixel, unit(self.options)));
-        }
-        tone
-    }
-}
-
-/// Whether triangles of a pair are to be drawn.
-fn is_shown(pair: Pair, only: &[MaterialId]) -> bool {
-    if only.is_empty() {
-        pair.back() != MaterialId::BACKGROUND
-    } else {
-        only.iter().any(|&id| pair.contains(id))
-    }
-}
-
-/// The size by which lines and hatching grow with the picture: 1 at 800 pixels.
-fn unit(options: &RenderOptions) -> f64 {
-    (options.width.min(options.height) as f64 / 800.0).clamp(0.75, 4.0)
-}
-
-/// Width of a line in pixels.
-fn line_width(mark: EdgeMark, options: &RenderOptions) -> f64 {
-    unit(options)
-        * match mark {
-            EdgeMark::Border => 1.1,
-            EdgeMark::Junction => 2.0,
-            EdgeMark::Open => 2.4,
-        }
-}
-
-/// The mark whose line a sample shows.
-fn mark_of(seen: Seen) -> Option<EdgeMark> {
-    [EdgeMark::Border, EdgeMark::Junction, EdgeMark::Open]
-        .into_iter()
-        .find(|m| raster::LINE + *m as u32 == seen)
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Tests of [`render`] on blocks of cubes.
 
+use super::super::Rgb;
 use super::*;
-use crate::grid::VertexKind;
+use crate::grid::{Pair, VertexKind};
 use crate::mesh::MeshMaterial;
 use crate::report::colour::{JUNCTION, OPEN, WHITE};
 
@@ -203,4 +204,49 @@ fn options_out_of_range_and_empty_choices_are_refused() {
     let bad = RenderOptions { cut: Some(Cut { axis: 3, position: 0.0 }), ..front(&[]) };
     assert!(matches!(error(bad), PictureError::Option { .. }));
     assert!(matches!(error(RenderOptions { width: 0, ..front(&[]) }), PictureError::Size { .. }));
+}
+
+#[test]
+fn a_mesh_in_pieces_gives_the_same_picture_as_the_whole_one() {
+    use crate::export::{Coordinates, PlyOptions, pieces, write_ply};
+    use crate::mesh::fixtures::voxel_faces;
+    use crate::mesh::kinds_from_labels;
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.ply");
+    let labels: Vec<u8> =
+        (0..6 * 5 * 7u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8 % 4).collect();
+    let closed = voxel_faces([6, 5, 7], &labels, 255);
+    let kinds = kinds_from_labels(closed.positions().len(), closed.triangles(), closed.pairs());
+    let remade = |keep: &dyn Fn(Pair) -> bool| {
+        let kept: Vec<usize> = (0..closed.pairs().len()).filter(|&t| keep(closed.pairs()[t])).collect();
+        InterfaceMesh::new(
+            closed.positions().to_vec(),
+            kinds.clone(),
+            kept.iter().map(|&t| closed.triangles()[t]).collect(),
+            kept.iter().map(|&t| closed.pairs()[t]).collect(),
+            closed.materials().to_vec(),
+        )
+        .unwrap()
+    };
+    // Closed at the border; and open there, with open edges.
+    for mesh in [remade(&|_| true), remade(&|pair| pair.front() != MaterialId::OUTSIDE)] {
+        let all = RenderOptions { width: 211, height: 170, ..RenderOptions::default() };
+        let cut = Some(Cut { axis: 0, position: 2.3 });
+        let some = RenderOptions { wireframe: true, cut, caps: true, ..all.clone() };
+        let one = RenderOptions { only: vec![MaterialId(2)], supersampling: 3, ..all.clone() };
+        write_ply(&path, &mesh, PlyOptions { coordinates: Coordinates::Double, ..PlyOptions::default() })
+            .unwrap();
+        for options in [all, some, one] {
+            let whole = render(&mesh, &options).unwrap();
+            for cuts in [&[][..], &[100], &[0, 40, 41, 200, 300, 301, 302, 555]] {
+                let pieces = pieces(&mesh, cuts);
+                let replay = |take: &mut dyn FnMut(&MeshPiece) -> Result<(), PictureError>| {
+                    pieces.iter().try_for_each(|piece| take(piece))
+                };
+                assert!(render_pieces(mesh.materials(), replay, &options).unwrap() == whole);
+            }
+            assert!(render_ply(&path, &options, &Execution::default()).unwrap() == whole);
+        }
+    }
 }

@@ -11,7 +11,7 @@ use std::time::Instant;
 use thiserror::Error;
 
 use super::picture::PictureError;
-use super::render::{RenderOptions, render};
+use super::render::{RenderOptions, render_ply};
 use super::run_report::{InputReport, RunReport};
 use super::shells::write_shells;
 use crate::execution::{Cancelled, Execution};
@@ -110,10 +110,7 @@ impl<'a> ResultWriter<'a> {
         write_curves(&self.folder.join("junctions.vtk"), |v| vertices.position(v), &mesh.junctions.curves)?;
         stage.advance(1);
         if triangles > 0 {
-            let picture = render(
-                &crate::export::read_mesh(&assembly, &ReadOptions::default())?,
-                &RenderOptions::default(),
-            )?;
+            let picture = render_ply(&assembly, &RenderOptions::default(), self.execution)?;
             picture.save_png(&self.folder.join("preview.png"))?;
         }
         stage.advance(1);
