@@ -105,7 +105,7 @@ pub fn extract_into(
 ) -> Result<Findings, PipelineError> {
     options.check(source.geometry())?;
     execution.plan(&STAGES);
-    with_sample_type!(source.sample_type(), S => Run::<S>::new(source, options, execution, scratch)?.run(sink))
+    with_sample_type!(source.sample_type(), S => Run::<S>::new(source, options, execution, scratch, sink.memory())?.run(sink))
 }
 
 /// A run on a volume with samples of type `S`.
@@ -125,9 +125,11 @@ impl<'a, S: Sample> Run<'a, S> {
         options: &'a PipelineOptions,
         execution: &'a Execution,
         scratch: Option<&'a Path>,
+        sink: u64,
     ) -> Result<Self, PipelineError> {
         let geometry = source.geometry();
-        let memory = MemoryPlan::new(geometry.size(), source.sample_type(), execution.memory());
+        let (budget, slab) = (execution.memory(), execution.slab());
+        let memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
         // What is not known yet is taken to be at the upper end of the usual.
         let materials = match &options.materials {
             MaterialChoice::Given(given) => given.len(),
@@ -136,7 +138,7 @@ impl<'a, S: Sample> Run<'a, S> {
         };
         let radius = options.radius.unwrap_or(MAX_ESTIMATED_RADIUS);
         let halo = halo(radius_per_axis(radius, geometry));
-        memory.check(materials, halo)?;
+        memory.check(materials, halo, sink)?;
         let window = SampleWindow::new(source, execution)?;
         Ok(Self { source, options, execution, scratch, memory, window, costs: CostLog::default() })
     }
@@ -256,7 +258,7 @@ impl<'a, S: Sample> Run<'a, S> {
     fn survey_slices(&self) -> Result<usize, PipelineError> {
         let depth = self.source.geometry().size()[2];
         let slices = self.memory.survey()?;
-        Ok(if self.memory.holds_all() { depth } else { slices.min(depth.div_ceil(2)) })
+        Ok(if self.memory.holds_all() { slices } else { slices.min(depth.div_ceil(2)) })
     }
 
     fn plan(&self, materials: &MaterialTable, blur: &Blur) -> Result<SlabPlan, PipelineError> {

@@ -93,6 +93,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SIZE", help_heading = "Run")]
     memory: Option<ByteSize>,
 
+    /// Work on slabs of at most N slices, however much memory there is. The result is the same.
+    #[arg(long, value_name = "N", help_heading = "Run", value_parser = clap::value_parser!(u32).range(1..))]
+    slab: Option<u32>,
+
     /// Threads to use [default: all cores]. The result is the same for any number.
     #[arg(long, short = 'j', value_name = "N", help_heading = "Run")]
     threads: Option<usize>,
@@ -170,6 +174,10 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
         }
         pool = pool.num_threads(threads);
     }
+    let execution = &match args.slab {
+        Some(slices) => execution.clone().with_slab(slices as usize),
+        None => execution.clone(),
+    };
     let execution = match args.memory.map(|size| size.as_u64()).or_else(|| Some(available_memory()? / 2)) {
         Some(bytes) => &execution.clone().with_memory(bytes),
         None => execution,

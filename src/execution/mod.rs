@@ -51,6 +51,7 @@ pub struct Execution {
     progress: Arc<dyn Progress>,
     cancel: Arc<AtomicBool>,
     memory: Option<u64>,
+    slab: Option<usize>,
 }
 
 impl Default for Execution {
@@ -63,7 +64,7 @@ impl Execution {
     /// An execution that reports to `progress`.
     #[must_use]
     pub fn new(progress: Arc<dyn Progress>) -> Self {
-        Self { progress, cancel: Arc::new(AtomicBool::new(false)), memory: None }
+        Self { progress, cancel: Arc::new(AtomicBool::new(false)), memory: None, slab: None }
     }
 
     /// The same execution with a budget of memory, in bytes. Without one, a run takes what it needs to be
@@ -78,6 +79,19 @@ impl Execution {
     #[must_use]
     pub fn memory(&self) -> Option<u64> {
         self.memory
+    }
+
+    /// The same execution with slabs of at most `slices` slices, however much memory there is.
+    #[must_use]
+    pub fn with_slab(mut self, slices: usize) -> Self {
+        self.slab = Some(slices.max(1));
+        self
+    }
+
+    /// The most slices that a slab may have; `None`: any.
+    #[must_use]
+    pub fn slab(&self) -> Option<usize> {
+        self.slab
     }
 
     /// Announces what is to come; see [`Progress::plan`].

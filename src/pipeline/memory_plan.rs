@@ -28,14 +28,23 @@ pub(super) struct MemoryPlan {
     budget: Option<u64>,
     size: [usize; 3],
     sample: SampleType,
+    /// Slices of a slab at most.
+    most: usize,
     /// Triangles of a piece of mesh at most, if it has more than one layer.
     pub(super) piece: usize,
 }
 
 impl MemoryPlan {
-    /// For a volume of `size` voxels of type `sample`; `budget` in bytes.
-    pub(super) fn new(size: [usize; 3], sample: SampleType, budget: Option<u64>) -> Self {
-        let mut plan = Self { budget, size, sample, piece: PIECE };
+    /// For a volume of `size` voxels of type `sample`, with a budget in bytes and slabs of at most `slab`
+    /// slices.
+    pub(super) fn new(
+        size: [usize; 3],
+        sample: SampleType,
+        budget: Option<u64>,
+        slab: Option<usize>,
+    ) -> Self {
+        let most = slab.unwrap_or(size[2]).clamp(1, size[2]);
+        let mut plan = Self { budget, size, sample, most, piece: PIECE };
         while budget.is_some_and(|budget| plan.pieces() > budget / 4) && plan.piece > SMALLEST_PIECE {
             plan.piece /= 2;
         }
@@ -47,9 +56,10 @@ impl MemoryPlan {
         self.piece as u64 * (MADE * rayon::current_num_threads() as u64 + USED)
     }
 
-    /// Refuses a budget that is certainly too small, for about `materials` materials and passes with
-    /// `halo` slices.
-    pub(super) fn check(&self, materials: usize, halo: usize) -> Result<(), PipelineError> {
+    /// Refuses a budget that is certainly too small, for about `materials` materials, passes with `halo`
+    /// slices, and a sink that takes `sink` bytes.
+    pub(super) fn check(&self, materials: usize, halo: usize, sink: u64) -> Result<(), PipelineError> {
+        self.thickest(|_| BASE + sink)?;
         self.survey()?;
         let plan = self.slabs(materials, halo, Some(Path::new("")))?;
         self.contouring(materials, &plan).map(drop)
@@ -76,11 +86,13 @@ impl MemoryPlan {
         // All at once: alpha, core and pair planes while deciding; samples stay for contouring.
         let samples = sweep_bytes(self.size, self.sample, depth, 0);
         let decided = self.planes(3 * n + 1, depth);
-        if self.fits(BASE + samples + decided.max(labels + self.pieces())) {
+        let all = BASE + samples + decided.max(labels + self.pieces());
+        if self.most == depth && self.fits(all) {
             return Ok(whole);
         }
         // Labels in memory are worth it while they leave most of it to slabs.
-        let kept = scratch.is_none() || self.budget.is_none_or(|budget| labels <= budget / 4);
+        let small = self.budget.is_some_and(|budget| labels <= budget / 4);
+        let kept = scratch.is_none() || small;
         let store = if kept { labels } else { 0 };
         let steps = SlabPlan::STEPS;
         let bytes = |slices: usize| {
@@ -124,15 +136,14 @@ impl MemoryPlan {
 
     /// The thickest slab for which `bytes` fits the budget.
     fn thickest(&self, bytes: impl Fn(usize) -> u64) -> Result<usize, PipelineError> {
-        let depth = self.size[2];
-        if self.fits(bytes(depth)) {
-            return Ok(depth);
+        if self.fits(bytes(self.most)) {
+            return Ok(self.most);
         }
         if !self.fits(bytes(1)) {
             let (budget, needed, size) = (self.budget.unwrap_or(u64::MAX), bytes(1), self.size);
             return Err(PipelineError::Memory { budget, needed, size });
         }
-        let (mut good, mut bad) = (1, depth);
+        let (mut good, mut bad) = (1, self.most);
         while bad - good > 1 {
             let middle = good.midpoint(bad);
             if self.fits(bytes(middle)) {
@@ -152,7 +163,7 @@ mod tests {
     #[test]
     fn more_memory_means_thicker_slabs_up_to_all() {
         let size = [1024; 3];
-        let plan = |mib: u64| MemoryPlan::new(size, SampleType::U16, Some(mib << 20));
+        let plan = |mib: u64| MemoryPlan::new(size, SampleType::U16, Some(mib << 20), None);
         let slices = |mib| {
             let plan = plan(mib);
             plan.slabs(3, 12, Some(Path::new("."))).map(|slabs| (slabs.slices, slabs.scratch.is_some()))
@@ -161,8 +172,8 @@ mod tests {
         let thick = slices(1024).unwrap();
         assert!(thin.0 >= 1 && thin.0 < thick.0 && thin.1, "{thin:?} {thick:?}");
         assert_eq!(slices(16 << 10).unwrap(), (1024, false));
-        assert_eq!(MemoryPlan::new(size, SampleType::U16, None).survey().unwrap(), 1024);
-        let Err(PipelineError::Memory { budget, needed, .. }) = plan(60).check(3, 12) else {
+        assert_eq!(MemoryPlan::new(size, SampleType::U16, None, None).survey().unwrap(), 1024);
+        let Err(PipelineError::Memory { budget, needed, .. }) = plan(60).check(3, 12, 0) else {
             panic!("60 MiB cannot be enough")
         };
         assert!(needed > budget);

@@ -20,6 +20,11 @@ pub trait MeshSink: Send {
     /// Whatever went wrong; it ends the run.
     fn add(&mut self, piece: MeshPiece) -> Result<(), SinkError>;
 
+    /// Bytes that the sink holds at its peak, apart from a piece.
+    fn memory(&self) -> u64 {
+        0
+    }
+
     /// How many triangles a piece should have at most, if the sink would rather have other pieces than
     /// those that the memory plan makes.
     fn piece(&self) -> Option<usize> {

@@ -127,6 +127,9 @@ impl<'a> ResultWriter<'a> {
     }
 }
 
+/// Bytes of the pieces of the finished file that are under way.
+const PIECES: u64 = 48 << 20;
+
 /// The name of the last stage.
 const WRITING: &str = "writing";
 
@@ -141,6 +144,13 @@ impl MeshSink for ResultWriter<'_> {
             triangles: 0,
         });
         Ok(())
+    }
+
+    fn memory(&self) -> u64 {
+        // The picture: 12 bytes for every sample of it, and its pixels; and pieces of the file.
+        let RenderOptions { width, height, supersampling, .. } = RenderOptions::default();
+        let pixels = (width * height) as u64;
+        pixels * (12 * (supersampling * supersampling) as u64 + 8) + PIECES
     }
 
     fn add(&mut self, piece: MeshPiece) -> Result<(), SinkError> {
