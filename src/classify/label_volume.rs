@@ -4,8 +4,9 @@
 //! is plane p. Three materials take two bits per voxel, and 64 neighbours are compared at a time.
 //! It may hold some slices of the volume only, under the numbers they have in it.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
+
+use rayon::prelude::*;
 
 use super::alpha::at_least_word;
 use super::bit_planes::{BitPlanes, WORD};
@@ -80,45 +81,26 @@ impl LabelVolume {
         samples: &[S],
         size: [usize; 3],
     ) -> Result<(Self, Vec<f64>), ClassifyError> {
-        let mut ids: BTreeMap<OrderedLabel, u8> = BTreeMap::new();
-        let mut previous = f32::NAN;
-        // Adding zero makes the two zeros of a float volume one label.
-        for v in samples.iter().map(|v| v.to_f32() + 0.0) {
-            if v.to_bits() != previous.to_bits() {
-                ids.insert(OrderedLabel(v), 0);
-                previous = v;
-                if ids.len() > MaterialId::MAX_COUNT {
-                    return Err(ClassifyError::TooManyLabels { limit: MaterialId::MAX_COUNT });
-                }
-            }
-        }
-        for (i, id) in ids.values_mut().enumerate() {
-            *id = i as u8;
-        }
-        let labels: Vec<f64> = ids.keys().map(|l| f64::from(l.0)).collect();
+        let labels = distinct_labels(samples, size)?;
         if let [label] = labels[..] {
-            return Err(ClassifyError::OneLabel { label });
+            return Err(ClassifyError::OneLabel { label: f64::from(label) });
         }
         let mut out = Self::all_outside(size, labels.len(), 0..size[2] + 2);
         let bits = out.codes.count();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {
                 let start = ((z - 1) * size[1] + y - 1) * size[0];
-                let mut previous = (f32::NAN, 0);
-                for (x, v) in samples[start..start + size[0]].iter().enumerate() {
-                    let v = v.to_f32() + 0.0;
-                    if v.to_bits() != previous.0.to_bits() {
-                        previous = (v, ids.get(&OrderedLabel(v)).copied().unwrap_or(0));
-                    }
-                    let (word, bit) = ((x + 1) / WORD, (x + 1) % WORD);
+                let mut x = 1;
+                for run in samples[start..start + size[0]].chunk_by(|a, b| a == b) {
+                    let code = labels.partition_point(|l| l.total_cmp(&label(run[0])).is_lt());
                     for p in 0..bits {
-                        let row = slice.row(p, y);
-                        row[word] = (row[word] & !(1 << bit)) | u64::from(previous.1 >> p & 1) << bit;
+                        set_range(slice.row(p, y), x..x + run.len(), code >> p & 1 == 1);
                     }
+                    x += run.len();
                 }
             }
         });
-        Ok((out, labels))
+        Ok((out, labels.into_iter().map(f64::from).collect()))
     }
 
     /// Slices of voxels, and the slices of `OUTSIDE` beside them where the volume ends.
@@ -182,7 +164,6 @@ impl LabelVolume {
     /// Voxels of each material in the slices that are held.
     #[must_use]
     pub fn counts(&self) -> Vec<u64> {
-        use rayon::prelude::*;
         let n = self.materials;
         let zero = || vec![0u64; n];
         self.codes
@@ -207,19 +188,40 @@ impl LabelVolume {
     }
 }
 
-/// A label as a key: ordered by value.
-#[derive(Clone, Copy, PartialEq)]
-struct OrderedLabel(f32);
-
-impl Eq for OrderedLabel {}
-impl PartialOrd for OrderedLabel {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
+/// A sample as a label: adding zero makes the two zeros of a float volume one.
+fn label<S: Sample>(sample: S) -> f32 {
+    sample.to_f32() + 0.0
 }
-impl Ord for OrderedLabel {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
+
+/// The labels that occur, ascending.
+fn distinct_labels<S: Sample>(samples: &[S], size: [usize; 3]) -> Result<Vec<f32>, ClassifyError> {
+    let insert = |mut found: Vec<f32>, label: f32| {
+        // One more than the limit is enough to refuse.
+        if let Err(at) = found.binary_search_by(|l| l.total_cmp(&label))
+            && found.len() <= MaterialId::MAX_COUNT
+        {
+            found.insert(at, label);
+        }
+        found
+    };
+    let found = samples
+        .par_chunks(size[0].max(1))
+        .fold(Vec::new, |found, row| row.chunk_by(|a, b| a == b).map(|run| label(run[0])).fold(found, insert))
+        .reduce(Vec::new, |a, b| b.into_iter().fold(a, insert));
+    if found.len() > MaterialId::MAX_COUNT {
+        return Err(ClassifyError::TooManyLabels { limit: MaterialId::MAX_COUNT });
+    }
+    Ok(found)
+}
+
+/// Sets or clears a range of bits of a row.
+fn set_range(row: &mut [u64], range: Range<usize>, on: bool) {
+    let (first, last) = (range.start / WORD, (range.end - 1) / WORD);
+    for (w, word) in row.iter_mut().enumerate().take(last + 1).skip(first) {
+        let from = range.start.max(w * WORD) - w * WORD;
+        let to = range.end.min((w + 1) * WORD) - w * WORD;
+        let mask = (u64::MAX >> (WORD - (to - from))) << from;
+        *word = if on { *word | mask } else { *word & !mask };
     }
 }
 
