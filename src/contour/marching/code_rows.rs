@@ -27,22 +27,26 @@ impl<'a> CodeRow<'a> {
     }
 
     /// The words of plane `p`.
+    #[inline]
     fn plane(&self, p: usize) -> &'a [u64] {
         &self.data[p * self.stride..p * self.stride + self.words]
     }
 
     /// Code bits `p` of the points of word `w`.
+    #[inline]
     pub(super) fn word(&self, p: usize, w: usize) -> u64 {
         self.data[p * self.stride + w]
     }
 
     /// Code bits `p` of the points after those of word `w`: bit i belongs to point i + 1.
+    #[inline]
     pub(super) fn next(&self, p: usize, w: usize) -> u64 {
         shifted(self.plane(p), w)
     }
 
     /// Code bits `p` of the points from `half` half words on.
-    pub(super) fn from_half(&self, p: usize, half: usize) -> u64 {
+    #[inline]
+    pub(super) fn half_word(&self, p: usize, half: usize) -> u64 {
         let row = self.plane(p);
         let (w, odd) = (half / 2, half % 2);
         if odd == 0 { row[w] } else { row[w] >> (WORD / 2) | row.get(w + 1).map_or(0, |n| n << (WORD / 2)) }
@@ -59,12 +63,14 @@ impl<'a> CodeRow<'a> {
     }
 
     /// The code at a bit of such words.
+    #[inline]
     pub(super) fn code(&self, words: &[u64; MAX_PLANES], bit: usize) -> u8 {
         words[..self.count].iter().rev().fold(0, |code, word| code << 1 | (word >> bit & 1) as u8)
     }
 }
 
 /// Word `w` of a row, moved down by one point.
+#[inline]
 pub(super) fn shifted(row: &[u64], w: usize) -> u64 {
     row[w] >> 1 | row.get(w + 1).map_or(0, |next| next << (WORD - 1))
 }
@@ -72,6 +78,7 @@ pub(super) fn shifted(row: &[u64], w: usize) -> u64 {
 /// The edges, 64 at a time, that need a crossing: their ends differ, and triangles will refer to it
 /// (none are made between air and `OUTSIDE`, nor, with an open border, to `OUTSIDE` at all). `ends`
 /// gives the words of code plane p at the lower and the upper ends; `outside` is the code of `OUTSIDE`.
+#[inline]
 pub(super) fn crossed(
     planes: usize,
     outside: usize,

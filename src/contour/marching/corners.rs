@@ -15,12 +15,14 @@ pub(super) struct Corners {
 
 impl Corners {
     /// The code at corner `c`.
+    #[inline]
     pub(super) fn code(&self, c: usize) -> u8 {
         (0..self.planes).fold(0, |code, p| code | (self.bits[p] >> c & 1) << p)
     }
 
     /// The corners whose code differs from that of corner 0, as a bit set, and whether they all
     /// have the same one.
+    #[inline]
     pub(super) fn differing(&self) -> (u8, bool) {
         let (mut differ, mut two) = (0u8, true);
         for &bits in &self.bits[..self.planes] {
@@ -69,7 +71,7 @@ fn visit<const P: usize>(
                 continue;
             }
             let windows: [[u64; 4]; P] = std::array::from_fn(|p| {
-                std::array::from_fn(|k| if p < planes { rows[k].from_half(p, 2 * w + half) } else { 0 })
+                std::array::from_fn(|k| if p < planes { rows[k].half_word(p, 2 * w + half) } else { 0 })
             });
             while cells != 0 {
                 let bit = cells.trailing_zeros();

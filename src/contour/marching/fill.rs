@@ -141,6 +141,7 @@ fn put_nodes<C: CrossingRule>(
 }
 
 /// Position in lattice units of what lies `offset` from padded point `low`.
+#[inline]
 fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
     // The padded lattice begins one voxel before the volume.
     std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a])
@@ -194,12 +195,13 @@ impl RowNumbers {
     }
 
     /// Finds the numbers of a cell's crossings and face nodes, and moves on to the next cell.
+    #[inline]
     fn take(&mut self, crossings: u16, star_faces: u8) {
         let ids = &mut self.ids;
         let crossed = |e: usize| u32::from(crossings >> e & 1);
-        for k in 0..4 {
-            ids[k] = self.x[k];
-            self.x[k] += crossed(k);
+        for (k, (id, next)) in ids.iter_mut().zip(&mut self.x).enumerate() {
+            *id = *next;
+            *next += crossed(k);
         }
         for k in 0..2 {
             // What lies at the cell's upper x is the next cell's at its lower x.
@@ -215,9 +217,9 @@ impl RowNumbers {
             ids[EDGES] = self.nodes[0];
             self.nodes[0] += has_node(0);
             ids[EDGES + 1] = self.nodes[0];
-            for f in 2..FACES {
-                ids[EDGES + f] = self.nodes[f - 1];
-                self.nodes[f - 1] += has_node(f);
+            for (f, next) in (2..FACES).zip(&mut self.nodes[1..]) {
+                ids[EDGES + f] = *next;
+                *next += has_node(f);
             }
         }
     }
@@ -236,6 +238,7 @@ struct CellWriter<'a, 'b, C> {
 }
 
 impl<C: CrossingRule> CellWriter<'_, '_, C> {
+    #[inline]
     fn put(&mut self, low: [usize; 3], corners: Corners, entry: usize, numbers: &mut RowNumbers) {
         let summary = self.job.table.packed().entry(entry);
         if summary.two_materials && summary.apexes == 0 {
@@ -263,6 +266,7 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
     }
 
     /// The triangles of a cell with two materials: all have the same pair.
+    #[inline]
     fn put_two_materials(&mut self, corners: Corners, summary: &PackedEntry, ids: &[u32; CELL_VERTICES]) {
         let other = corners.differing().0.trailing_zeros() as usize;
         let sides = [corners.code(0), corners.code(other)].map(|c| self.job.labels.material_of_code(c));
