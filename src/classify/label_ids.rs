@@ -1,7 +1,5 @@
 //! Which labels a segmented volume holds, found slab by slab.
 
-use std::cmp::Ordering;
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -13,7 +11,8 @@ use crate::volume::{Sample, Slab};
 /// Counts the labels of a volume.
 #[derive(Debug, Clone, Default)]
 pub struct LabelIds {
-    voxels: BTreeMap<Label, u64>,
+    /// Labels, ascending, and their voxels.
+    found: Vec<(f32, u64)>,
 }
 
 /// The labels of a volume: the one at position i is material i.
@@ -29,15 +28,18 @@ impl LabelIds {
     /// # Errors
     /// [`ClassifyError::TooManyLabels`].
     pub fn add<S: Sample>(&mut self, slab: Slab<'_, S>, core: Range<usize>) -> Result<(), ClassifyError> {
-        let found = core.into_par_iter().map(|z| slice_labels(slab, z));
-        let merged = found.try_reduce(BTreeMap::new, |a, b| {
-            let (mut most, least) = if a.len() < b.len() { (b, a) } else { (a, b) };
-            least.into_iter().for_each(|(label, n)| *most.entry(label).or_insert(0) += n);
-            checked(most)
-        })?;
-        merged.into_iter().for_each(|(label, n)| *self.voxels.entry(label).or_insert(0) += n);
-        self.voxels = checked(std::mem::take(&mut self.voxels))?;
-        Ok(())
+        let ys = 0..slab.size()[1];
+        let rows = core.into_par_iter().flat_map_iter(|z| ys.clone().map(move |y| slab.row(y, z)));
+        let found = rows
+            .fold(Vec::new, |found, row| {
+                // Adding zero makes the two zeros of a float volume one label.
+                let runs = row.chunk_by(|a, b| a == b).map(|run| (run[0].to_f32() + 0.0, run.len() as u64));
+                runs.fold(found, insert)
+            })
+            .reduce(Vec::new, |a, b| b.into_iter().fold(a, insert));
+        self.found = found.into_iter().fold(std::mem::take(&mut self.found), insert);
+        let limit = MaterialId::MAX_COUNT;
+        if self.found.len() > limit { Err(ClassifyError::TooManyLabels { limit }) } else { Ok(()) }
     }
 
     /// The labels, once all slices were added.
@@ -45,11 +47,11 @@ impl LabelIds {
     /// # Errors
     /// [`ClassifyError::OneLabel`].
     pub fn finish(self) -> Result<KnownLabels, ClassifyError> {
-        let labels: Vec<f64> = self.voxels.keys().map(|l| f64::from(l.0)).collect();
+        let labels: Vec<f64> = self.found.iter().map(|l| f64::from(l.0)).collect();
         if let [label] = labels[..] {
             return Err(ClassifyError::OneLabel { label });
         }
-        Ok(KnownLabels { labels, voxels: self.voxels.into_values().collect() })
+        Ok(KnownLabels { labels, voxels: self.found.into_iter().map(|l| l.1).collect() })
     }
 }
 
@@ -74,42 +76,12 @@ impl KnownLabels {
     }
 }
 
-fn checked(voxels: BTreeMap<Label, u64>) -> Result<BTreeMap<Label, u64>, ClassifyError> {
-    let limit = MaterialId::MAX_COUNT;
-    if voxels.len() > limit { Err(ClassifyError::TooManyLabels { limit }) } else { Ok(voxels) }
-}
-
-fn slice_labels<S: Sample>(slab: Slab<'_, S>, z: usize) -> Result<BTreeMap<Label, u64>, ClassifyError> {
-    let mut voxels = BTreeMap::new();
-    for y in 0..slab.size()[1] {
-        for run in slab.row(y, z).chunk_by(|a, b| a == b) {
-            if let Some(label) = run.first() {
-                // Adding zero makes the two zeros of a float volume one label.
-                *voxels.entry(Label(label.to_f32() + 0.0)).or_insert(0) += run.len() as u64;
-            }
-        }
-        voxels = checked(voxels)?;
+fn insert(mut found: Vec<(f32, u64)>, (label, voxels): (f32, u64)) -> Vec<(f32, u64)> {
+    match found.binary_search_by(|l| l.0.total_cmp(&label)) {
+        Ok(at) => found[at].1 += voxels,
+        // One more than the limit is enough to refuse.
+        Err(at) if found.len() <= MaterialId::MAX_COUNT => found.insert(at, (label, voxels)),
+        Err(_) => {}
     }
-    Ok(voxels)
-}
-
-/// A label as a key: ordered by value.
-#[derive(Debug, Clone, Copy)]
-struct Label(f32);
-
-impl PartialEq for Label {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-impl Eq for Label {}
-impl PartialOrd for Label {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Label {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.0.total_cmp(&other.0)
-    }
+    found
 }

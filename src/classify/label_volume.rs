@@ -6,6 +6,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::alpha::at_least_word;
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
@@ -96,18 +98,13 @@ impl LabelVolume {
         let bits = out.codes.count();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {
-                let mut previous: Option<(S, u8)> = None;
-                for (x, &v) in slab.row(y - 1, z - 1).iter().enumerate() {
-                    let id = match previous {
-                        Some((label, id)) if label == v => id,
-                        _ => known.id(v.to_f32()),
-                    };
-                    previous = Some((v, id));
-                    let (word, bit) = ((x + 1) / WORD, (x + 1) % WORD);
+                let mut x = 1;
+                for run in slab.row(y - 1, z - 1).chunk_by(|a, b| a == b) {
+                    let code = known.id(run[0].to_f32());
                     for p in 0..bits {
-                        let row = slice.row(p, y);
-                        row[word] = (row[word] & !(1 << bit)) | u64::from(id >> p & 1) << bit;
+                        set_range(slice.row(p, y), x..x + run.len(), code >> p & 1 == 1);
                     }
+                    x += run.len();
                 }
             }
         });
@@ -226,7 +223,6 @@ impl LabelVolume {
     /// Voxels of each material in the slices that are held.
     #[must_use]
     pub fn counts(&self) -> Vec<u64> {
-        use rayon::prelude::*;
         let n = self.materials;
         let zero = || vec![0u64; n];
         self.codes
@@ -248,6 +244,17 @@ impl LabelVolume {
                 sum
             })
             .reduce(zero, |a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())
+    }
+}
+
+/// Sets or clears a range of bits of a row.
+fn set_range(row: &mut [u64], range: Range<usize>, on: bool) {
+    let (first, last) = (range.start / WORD, (range.end - 1) / WORD);
+    for (w, word) in row.iter_mut().enumerate().take(last + 1).skip(first) {
+        let from = range.start.max(w * WORD) - w * WORD;
+        let to = range.end.min((w + 1) * WORD) - w * WORD;
+        let mask = (u64::MAX >> (WORD - (to - from))) << from;
+        *word = if on { *word | mask } else { *word & !mask };
     }
 }
 

@@ -59,12 +59,14 @@ impl<'a, S: Sample> Level<'a, S> {
         Self { slab, threshold }
     }
 
+    #[inline]
     fn above(&self, [x, y, z]: [usize; 3]) -> f32 {
         self.slab.grey([x - 1, y - 1, z - 1]) - self.threshold
     }
 }
 
 impl<S: Sample> CrossingRule for Level<'_, S> {
+    #[inline]
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
         let mut to = from;
         to[axis] += 1;
@@ -79,21 +81,26 @@ impl<S: Sample> CrossingRule for Level<'_, S> {
 /// Crossings by the threshold of the pair; see the module's header. On ambiguous faces the sign of
 /// the bilinear interpolant at its saddle decides where all four grey values are credible,
 /// otherwise the material with the higher id is joined.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Thresholds<'a, S> {
     slab: Slab<'a, S>,
     junction: &'a BitPlanes,
-    materials: &'a MaterialTable,
+    /// Number of materials, and the threshold of each pair.
+    materials: usize,
+    thresholds: Vec<f32>,
 }
 
 impl<'a, S: Sample> Thresholds<'a, S> {
     /// For a slab of a volume of which the voxels in `junction` are not credible.
     #[must_use]
     pub fn new(slab: Slab<'a, S>, junction: &'a BitPlanes, materials: &'a MaterialTable) -> Self {
-        Self { slab, junction, materials }
+        let (ids, n) = (materials.materials(), materials.count());
+        let threshold = |i: usize| materials.threshold(ids[i / n].id, ids[i % n].id) as f32;
+        Self { slab, junction, materials: n, thresholds: (0..n * n).map(threshold).collect() }
     }
 
     /// Grey value above the threshold of `labels`, or `None` where it is not credible.
+    #[inline]
     fn above(&self, [x, y, z]: [usize; 3], threshold: f32) -> Option<f32> {
         if self.junction.bit(0, x, y, z) {
             return None;
@@ -102,11 +109,15 @@ impl<'a, S: Sample> Thresholds<'a, S> {
     }
 
     fn threshold(&self, labels: [MaterialId; 2]) -> f32 {
-        self.materials.threshold(labels[0], labels[1]) as f32
+        let [a, b] = labels.map(|id| usize::from(id.0));
+        // No threshold towards OUTSIDE: nothing lies above it.
+        let known = a < self.materials && b < self.materials;
+        if known { self.thresholds[a * self.materials + b] } else { f32::NAN }
     }
 }
 
 impl<S: Sample> CrossingRule for Thresholds<'_, S> {
+    #[inline]
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
         let mut to = from;
         to[axis] += 1;
@@ -125,6 +136,7 @@ impl<S: Sample> CrossingRule for Thresholds<'_, S> {
 
 /// Where linear interpolation between `f` and `g`, grey values above the threshold at the ends of an edge,
 /// meets zero; the midpoint if they do not straddle it as the labels do.
+#[inline]
 fn between(f: f32, g: f32, labels: [MaterialId; 2]) -> f32 {
     let straddle = (f < 0.0) != (g < 0.0) && (f < 0.0) == (labels[0] < labels[1]);
     if straddle { (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN) } else { 0.5 }

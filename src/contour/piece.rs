@@ -40,7 +40,8 @@ impl Piece {
     /// [`ContourError`] says what does not fit, or that there would be more vertices or triangles than
     /// can be numbered.
     pub fn append(&mut self, next: Self) -> Result<(), ContourError> {
-        self.check()?;
+        // What this piece's triangles name was looked at when they came.
+        self.check_counts()?;
         next.check()?;
         let layer = self.layers.end;
         if next.layers.start != layer {
@@ -87,6 +88,14 @@ impl Piece {
 
     /// Refuses a piece whose parts do not belong together, as a damaged file may hold.
     fn check(&self) -> Result<(), ContourError> {
+        self.check_counts()?;
+        let vertices = self.patch.positions.len();
+        let named = self.patch.triangles.iter().flatten().all(|&v| (v as usize) < vertices);
+        if named { Ok(()) } else { Err(ContourError::BrokenPiece { layer: self.layers.start }) }
+    }
+
+    /// The same without a look at every triangle.
+    fn check_counts(&self) -> Result<(), ContourError> {
         let patch = &self.patch;
         let vertices = patch.positions.len();
         let fits = self.owned.checked_add(self.seam_above.len()) == Some(vertices)
@@ -94,8 +103,7 @@ impl Piece {
             && patch.pairs.len() == patch.triangles.len()
             && self.seam_below.len() <= vertices
             && self.last_layer[0] <= self.owned
-            && self.last_layer[1] <= patch.triangles.len()
-            && patch.triangles.iter().flatten().all(|&v| (v as usize) < vertices);
+            && self.last_layer[1] <= patch.triangles.len();
         if fits { Ok(()) } else { Err(ContourError::BrokenPiece { layer: self.layers.start }) }
     }
 }
@@ -108,6 +116,7 @@ impl Piece {
 pub fn merge(pieces: impl IntoIterator<Item = Piece>) -> Result<Piece, ContourError> {
     let mut pieces = pieces.into_iter();
     let mut merged = pieces.next().unwrap_or_default();
+    merged.check()?;
     pieces.try_for_each(|piece| merged.append(piece))?;
     Ok(merged)
 }

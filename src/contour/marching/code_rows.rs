@@ -9,7 +9,11 @@ pub(super) const MAX_PLANES: usize = 8;
 /// A row of all code planes.
 #[derive(Clone, Copy)]
 pub(super) struct CodeRow<'a> {
-    planes: [&'a [u64]; MAX_PLANES],
+    /// The words of the slice from this row of the first plane on.
+    data: &'a [u64],
+    words: usize,
+    /// Words from a plane to the next.
+    stride: usize,
     count: usize,
 }
 
@@ -17,39 +21,56 @@ impl<'a> CodeRow<'a> {
     /// Row (y, z) of the padded lattice.
     pub(super) fn new(labels: &'a LabelVolume, y: usize, z: usize) -> Self {
         let codes = labels.codes();
-        let count = codes.count();
-        Self { planes: std::array::from_fn(|p| if p < count { codes.row(p, y, z) } else { &[][..] }), count }
+        let (words, rows) = (codes.words(), codes.padded()[1]);
+        let data = &codes.slice_data(z..z + 1)[y * words..];
+        Self { data, words, stride: rows * words, count: codes.count() }
+    }
+
+    /// The words of plane `p`.
+    #[inline]
+    fn plane(&self, p: usize) -> &'a [u64] {
+        &self.data[p * self.stride..p * self.stride + self.words]
     }
 
     /// Code bits `p` of the points of word `w`.
+    #[inline]
     pub(super) fn word(&self, p: usize, w: usize) -> u64 {
-        self.planes[p][w]
+        self.data[p * self.stride + w]
     }
 
     /// Code bits `p` of the points after those of word `w`: bit i belongs to point i + 1.
+    #[inline]
     pub(super) fn next(&self, p: usize, w: usize) -> u64 {
-        shifted(self.planes[p], w)
+        shifted(self.plane(p), w)
     }
 
     /// Code bits `p` of the points from `half` half words on.
-    pub(super) fn from_half(&self, p: usize, half: usize) -> u64 {
-        let row = self.planes[p];
+    #[inline]
+    pub(super) fn half_word(&self, p: usize, half: usize) -> u64 {
+        let row = self.plane(p);
         let (w, odd) = (half / 2, half % 2);
         if odd == 0 { row[w] } else { row[w] >> (WORD / 2) | row.get(w + 1).map_or(0, |n| n << (WORD / 2)) }
     }
 
-    /// The code of the point at `bit` of word `w`.
-    pub(super) fn code(&self, w: usize, bit: usize) -> u8 {
-        (0..self.count).fold(0, |code, p| code | ((self.planes[p][w] >> bit & 1) as u8) << p)
+    /// Word `w` of every plane.
+    pub(super) fn words(&self, w: usize) -> [u64; MAX_PLANES] {
+        std::array::from_fn(|p| if p < self.count { self.word(p, w) } else { 0 })
     }
 
-    /// The code of the point after the one at `bit` of word `w`.
-    pub(super) fn next_code(&self, w: usize, bit: usize) -> u8 {
-        if bit + 1 < WORD { self.code(w, bit + 1) } else { self.code(w + 1, 0) }
+    /// The words of every plane for the points after those of word `w`.
+    pub(super) fn next_words(&self, w: usize) -> [u64; MAX_PLANES] {
+        std::array::from_fn(|p| if p < self.count { self.next(p, w) } else { 0 })
+    }
+
+    /// The code at a bit of such words.
+    #[inline]
+    pub(super) fn code(&self, words: &[u64; MAX_PLANES], bit: usize) -> u8 {
+        words[..self.count].iter().rev().fold(0, |code, word| code << 1 | (word >> bit & 1) as u8)
     }
 }
 
 /// Word `w` of a row, moved down by one point.
+#[inline]
 pub(super) fn shifted(row: &[u64], w: usize) -> u64 {
     row[w] >> 1 | row.get(w + 1).map_or(0, |next| next << (WORD - 1))
 }
@@ -57,6 +78,7 @@ pub(super) fn shifted(row: &[u64], w: usize) -> u64 {
 /// The edges, 64 at a time, that need a crossing: their ends differ, and triangles will refer to it
 /// (none are made between air and `OUTSIDE`, nor, with an open border, to `OUTSIDE` at all). `ends`
 /// gives the words of code plane p at the lower and the upper ends; `outside` is the code of `OUTSIDE`.
+#[inline]
 pub(super) fn crossed(
     planes: usize,
     outside: usize,

@@ -1,6 +1,5 @@
 //! The code bits at a cell's corners, and the walk over the cells of a row that have a crossing.
 
-use super::bit_rows::set_bits;
 use super::code_rows::{CodeRow, MAX_PLANES};
 use crate::classify::{LabelVolume, WORD};
 
@@ -16,12 +15,14 @@ pub(super) struct Corners {
 
 impl Corners {
     /// The code at corner `c`.
+    #[inline]
     pub(super) fn code(&self, c: usize) -> u8 {
         (0..self.planes).fold(0, |code, p| code | (self.bits[p] >> c & 1) << p)
     }
 
     /// The corners whose code differs from that of corner 0, as a bit set, and whether they all
     /// have the same one.
+    #[inline]
     pub(super) fn differing(&self) -> (u8, bool) {
         let (mut differ, mut two) = (0u8, true);
         for &bits in &self.bits[..self.planes] {
@@ -39,33 +40,48 @@ impl Corners {
     }
 }
 
-/// Calls `visit(x, corners)` for the cells of row y of layer z whose bit is set in `active`, ascending.
+/// Calls `visit_cell(x, corners)` for the cells of row y of layer z whose bit is set in `active`, ascending.
 pub(super) fn visit_cells(
     labels: &LabelVolume,
     [y, z]: [usize; 2],
     active: &[u64],
-    mut visit: impl FnMut(usize, Corners),
+    mut visit_cell: impl FnMut(usize, Corners),
+) {
+    // Loops over two or three planes are worth unrolling: up to seven materials.
+    match labels.codes().count() {
+        0..=2 => visit::<2>(labels, [y, z], active, &mut visit_cell),
+        3 => visit::<3>(labels, [y, z], active, &mut visit_cell),
+        _ => visit::<MAX_PLANES>(labels, [y, z], active, &mut visit_cell),
+    }
+}
+
+fn visit<const P: usize>(
+    labels: &LabelVolume,
+    [y, z]: [usize; 2],
+    active: &[u64],
+    visit_cell: &mut impl FnMut(usize, Corners),
 ) {
     let planes = labels.codes().count();
     // In the order of corners: y is bit 1, z is bit 2.
     let rows = [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]].map(|[y, z]| CodeRow::new(labels, y, z));
     for (w, &word) in active.iter().enumerate().filter(|(_, word)| **word != 0) {
         for half in [0, 1] {
-            let cells = word >> (half * HALF) & u64::from(u32::MAX);
+            let mut cells = word >> (half * HALF) & u64::from(u32::MAX);
             if cells == 0 {
                 continue;
             }
-            let mut windows = [[0u64; 4]; MAX_PLANES];
-            for (p, window) in windows[..planes].iter_mut().enumerate() {
-                *window = std::array::from_fn(|k| rows[k].from_half(p, 2 * w + half));
-            }
-            for bit in set_bits(cells) {
-                let mut corners = Corners { bits: [0; MAX_PLANES], planes };
-                for (bits, window) in corners.bits.iter_mut().zip(&windows[..planes]) {
-                    let two = |k: usize| (window[k] >> bit & 3) as u8;
-                    *bits = two(0) | two(1) << 2 | two(2) << 4 | two(3) << 6;
+            let windows: [[u64; 4]; P] = std::array::from_fn(|p| {
+                std::array::from_fn(|k| if p < planes { rows[k].half_word(p, 2 * w + half) } else { 0 })
+            });
+            while cells != 0 {
+                let bit = cells.trailing_zeros();
+                cells &= cells - 1;
+                let mut corners = Corners { bits: [0; MAX_PLANES], planes: P };
+                for (bits, window) in corners.bits.iter_mut().zip(&windows) {
+                    let [a, b, c, d] = window.map(|word| word >> bit & 3);
+                    *bits = (a | b << 2 | c << 4 | d << 6) as u8;
                 }
-                visit(w * WORD + half * HALF + bit, corners);
+                visit_cell(w * WORD + half * HALF + bit as usize, corners);
             }
         }
     }

@@ -7,6 +7,7 @@ use super::code_rows::CodeRow;
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
 use super::lattice::{Between, Layer, Plane};
+use crate::classify::WORD;
 use crate::contour::crossing::CrossingRule;
 use crate::contour::pattern::{CELL_VERTICES, PackedEntry};
 use crate::grid::cube::{EDGES, FACES, face_ring};
@@ -108,11 +109,11 @@ fn put_crossings<C: CrossingRule>(
             1 => CodeRow::new(job.labels, y + 1, z),
             _ => CodeRow::new(job.labels, y, z + 1),
         };
-        for (w, &word) in edges.row(y).iter().enumerate() {
+        for (w, &word) in edges.row(y).iter().enumerate().filter(|(_, word)| **word != 0) {
+            let (near, far) = (here.words(w), if axis == 0 { here.next_words(w) } else { there.words(w) });
             for (bit, (position, kind)) in set_bits(word).zip(&mut places) {
-                let from = [64 * w + bit, y, z];
-                let to = if axis == 0 { there.next_code(w, bit) } else { there.code(w, bit) };
-                let ends = [here.code(w, bit), to].map(|code| job.labels.material_of_code(code));
+                let from = [WORD * w + bit, y, z];
+                let ends = [&near, &far].map(|words| job.labels.material_of_code(here.code(words, bit)));
                 let mut offset = [0.0; 3];
                 offset[axis] = crossing_position(job.rule, from, axis, ends);
                 *position = place(from, offset);
@@ -140,6 +141,7 @@ fn put_nodes<C: CrossingRule>(
 }
 
 /// Position in lattice units of what lies `offset` from padded point `low`.
+#[inline]
 fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
     // The padded lattice begins one voxel before the volume.
     std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a])
@@ -157,6 +159,9 @@ struct RowNumbers {
     /// Nodes of x faces; of y faces in row y and in row y + 1; of z faces in the lower and in the upper
     /// plane.
     nodes: [u32; 5],
+    /// Those of the cell at hand, by the table's numbering. For edges and faces without a vertex they mean
+    /// nothing.
+    ids: [u32; CELL_VERTICES],
 }
 
 impl RowNumbers {
@@ -185,16 +190,18 @@ impl RowNumbers {
                 low[2] + lower.nodes.first(y),
                 up[2] + upper.nodes.first(y),
             ],
+            ids: [0; CELL_VERTICES],
         }
     }
 
-    /// Writes the numbers of a cell's crossings and face nodes, and moves on to the next cell. Numbers
-    /// for edges and faces without a vertex mean nothing.
-    fn take(&mut self, crossings: u16, star_faces: u8, ids: &mut [u32; CELL_VERTICES]) {
+    /// Finds the numbers of a cell's crossings and face nodes, and moves on to the next cell.
+    #[inline]
+    fn take(&mut self, crossings: u16, star_faces: u8) {
+        let ids = &mut self.ids;
         let crossed = |e: usize| u32::from(crossings >> e & 1);
-        for k in 0..4 {
-            ids[k] = self.x[k];
-            self.x[k] += crossed(k);
+        for (k, (id, next)) in ids.iter_mut().zip(&mut self.x).enumerate() {
+            *id = *next;
+            *next += crossed(k);
         }
         for k in 0..2 {
             // What lies at the cell's upper x is the next cell's at its lower x.
@@ -210,9 +217,9 @@ impl RowNumbers {
             ids[EDGES] = self.nodes[0];
             self.nodes[0] += has_node(0);
             ids[EDGES + 1] = self.nodes[0];
-            for f in 2..FACES {
-                ids[EDGES + f] = self.nodes[f - 1];
-                self.nodes[f - 1] += has_node(f);
+            for (f, next) in (2..FACES).zip(&mut self.nodes[1..]) {
+                ids[EDGES + f] = *next;
+                *next += has_node(f);
             }
         }
     }
@@ -231,20 +238,21 @@ struct CellWriter<'a, 'b, C> {
 }
 
 impl<C: CrossingRule> CellWriter<'_, '_, C> {
+    #[inline]
     fn put(&mut self, low: [usize; 3], corners: Corners, entry: usize, numbers: &mut RowNumbers) {
         let summary = self.job.table.packed().entry(entry);
-        let mut ids = [0; CELL_VERTICES];
         if summary.two_materials && summary.apexes == 0 {
-            numbers.take(summary.crossings, 0, &mut ids);
-            self.put_two_materials(corners, &summary, &ids);
+            numbers.take(summary.crossings, 0);
+            self.put_two_materials(corners, &summary, &numbers.ids);
             return;
         }
         let cell = Cell::new(self.job.labels, low, corners);
         let crossings = cell.needed(summary.crossings, self.job.border);
-        numbers.take(crossings, summary.star_faces, &mut ids);
-        self.put_apexes(&cell, entry, &mut ids);
+        numbers.take(crossings, summary.star_faces);
+        let ids = &mut numbers.ids;
+        self.put_apexes(&cell, entry, ids);
         if summary.two_materials {
-            self.put_two_materials(corners, &summary, &ids);
+            self.put_two_materials(corners, &summary, ids);
             return;
         }
         for t in self.job.table.packed().triangles(&summary) {
@@ -258,6 +266,7 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
     }
 
     /// The triangles of a cell with two materials: all have the same pair.
+    #[inline]
     fn put_two_materials(&mut self, corners: Corners, summary: &PackedEntry, ids: &[u32; CELL_VERTICES]) {
         let other = corners.differing().0.trailing_zeros() as usize;
         let sides = [corners.code(0), corners.code(other)].map(|c| self.job.labels.material_of_code(c));

@@ -30,8 +30,18 @@ impl Plane {
         let y_edges = by_rows(words, rows, rows - 1, two_rows, |[a, b], w| {
             crossed(planes, outside, border, |p| [a.word(p, w), b.word(p, w)])
         });
-        let nodes = by_rows(words, rows, rows - 1, two_rows, |[a, b], w| {
-            starred(planes, |p| [a.word(p, w), a.next(p, w), b.next(p, w), b.word(p, w)])
+        let nodes = BitRows::new(words, rows, |y, out| {
+            if y + 1 == rows {
+                return;
+            }
+            let [a, b] = two_rows(y);
+            // At least one side of a star is a crossing that is needed.
+            let (x, x_above, sides) = (x_edges.row(y), x_edges.row(y + 1), y_edges.row(y));
+            for (w, out) in out.iter_mut().enumerate() {
+                if x[w] | x_above[w] | sides[w] | shifted(sides, w) != 0 {
+                    *out = starred(planes, |p| [a.word(p, w), a.next(p, w), b.next(p, w), b.word(p, w)]);
+                }
+            }
         });
         Self { z, edges: [x_edges, y_edges], nodes }
     }
