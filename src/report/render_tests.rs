@@ -242,7 +242,7 @@ fn a_mesh_in_pieces_gives_the_same_picture_as_the_whole_one() {
             for cuts in [&[][..], &[100], &[0, 40, 41, 200, 300, 301, 302, 555]] {
                 let pieces = pieces(&mesh, cuts);
                 let replay = |take: &mut dyn FnMut(&MeshPiece) -> Result<(), PictureError>| {
-                    pieces.iter().try_for_each(|piece| take(piece))
+                    pieces.iter().try_for_each(&mut *take)
                 };
                 assert!(render_pieces(mesh.materials(), replay, &options).unwrap() == whole);
             }
