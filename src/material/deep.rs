@@ -64,9 +64,8 @@ impl Moments {
 pub(super) fn deep_statistics<S: Sample>(points: &[Neighbourhood<S>], greys: &[f64]) -> Vec<Moments> {
     let thresholds = thresholds(greys);
     let ranges = class_ranges(&thresholds);
-    let fresh = || -> Vec<[Moments; DEPTH]> {
-        greys.iter().map(|&base| [Moments::about(base); DEPTH]).collect()
-    };
+    let fresh =
+        || -> Vec<[Moments; DEPTH]> { greys.iter().map(|&base| [Moments::about(base); DEPTH]).collect() };
     // Fixed chunks, summed in order: the same sums for any number of threads.
     let parts: Vec<_> = points
         .par_chunks(1 << 14)
