@@ -159,9 +159,13 @@ impl<'a> Sigmas<'a> {
         let planes = grid.within(core);
         sigmas.par_extend((0..down * planes.len()).into_par_iter().flat_map_iter(|i| {
             let (y, z) = (grid.at(i % down), grid.at(planes.start + i / down));
-            (0..across).flat_map(move |i| (0..3).map(move |axis| ([grid.at(i), y, z], axis))).filter_map(
-                move |(voxel, axis)| Some(fit_sigma(&profile(slab, spacing, materials, voxel, axis)?) / edge),
-            )
+            (0..3).flat_map(move |axis| {
+                let candidates = Candidates::new(slab, [y, z], axis);
+                let xs = (0..across).map(|i| grid.at(i)).filter(move |&x| candidates.is_one(x));
+                xs.filter_map(move |x| {
+                    Some(fit_sigma(&profile(slab, spacing, materials, [x, y, z], axis)?) / edge)
+                })
+            })
         }));
     }
 
@@ -180,6 +184,40 @@ impl<'a> Sigmas<'a> {
             radius: radius_per_axis(radius, self.geometry).map(|r| r.min(MAX_RADIUS)),
             lowered_from: None,
         }
+    }
+}
+
+/// The values that tell of most voxels of a row that they are not the last ones before a crossing.
+struct Candidates<'a, S> {
+    /// The rows of both ends, the voxel and the next one; none if the volume ends before.
+    rows: Option<[&'a [S]; 4]>,
+    /// Where in its row each of them is, from the voxel.
+    offsets: [isize; 4],
+}
+
+impl<'a, S: Sample> Candidates<'a, S> {
+    /// For profiles along `axis` through the row (y, z).
+    fn new(slab: Slab<'a, S>, [y, z]: [usize; 2], axis: usize) -> Self {
+        let steps = [-(REACH as isize), REACH as isize, 0, 1];
+        let size = slab.size();
+        let fits = |at: usize, n: usize| at >= REACH && at + REACH + 1 < n;
+        let (rows, offsets) = match axis {
+            0 => (Some([slab.row(y, z); 4]), steps),
+            1 => (fits(y, size[1]).then(|| steps.map(|d| slab.row(y.wrapping_add_signed(d), z))), [0; 4]),
+            _ => (fits(z, size[2]).then(|| steps.map(|d| slab.row(y, z.wrapping_add_signed(d)))), [0; 4]),
+        };
+        Self { rows, offsets }
+    }
+
+    /// Whether voxel x is the last one on the near side of the half.
+    fn is_one(&self, x: usize) -> bool {
+        let Some(rows) = self.rows else { return false };
+        let value = |i: usize| {
+            rows[i].get(x.wrapping_add_signed(self.offsets[i])).map_or(f64::NAN, |v| f64::from(v.to_f32()))
+        };
+        let [first, last, own, next] = std::array::from_fn(value);
+        let half = 0.5 * (first + last);
+        (own < half) != (next < half) && (own < half) == (first < half)
     }
 }
 

@@ -10,6 +10,8 @@ mod neighbourhood;
 mod reference;
 mod sampling;
 mod survey;
+#[cfg(test)]
+mod survey_tests;
 mod table;
 
 pub use blur::{

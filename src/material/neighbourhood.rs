@@ -32,8 +32,8 @@ pub(super) struct Neighbourhood<S> {
 }
 
 impl<S: Sample> Neighbourhood<S> {
-    /// How many steps around all voxels are of the class `own`, by thresholds of which a value of the
-    /// class reaches those below `range[0]` and no others.
+    /// How many steps around all voxels are of one class: that of the grey values from the lower to below
+    /// the upper end of a range. The voxel itself must be of it.
     pub(super) fn depth(&self, [low, high]: [f32; 2]) -> usize {
         let own = |d: &usize| self.low[*d].to_f32() >= low && self.high[*d].to_f32() < high;
         (0..usize::from(self.room)).take_while(own).count()

@@ -4,6 +4,10 @@
 //! samples. All readers hold to the same rules: a header is checked against the file before memory
 //! is taken, memory grows only with data that is really there, what is not read is refused by name,
 //! and no sample that is not finite ever comes out.
+//!
+//! Volumes larger than memory are read through a [`SampleWindow`], some slices at a time, by positioned
+//! reads: as lazy as a memory map, which would need `unsafe` code and crash where a file shrinks meanwhile.
+//! A compressed stream is decompressed once in each pass.
 
 mod collect;
 #[cfg(test)]
