@@ -4,6 +4,7 @@
 
 use std::error::Error;
 use std::f32::consts::TAU;
+use std::ops::Range;
 use std::time::Instant;
 
 use interfacet::classify::{Ball, BitPlanes, LabelVolume, alpha, core, junction, pair, thin};
@@ -43,7 +44,7 @@ impl Scene {
         };
         let means = (0..=solids).map(|k| (format!("solid{k}"), f64::from(grey(k))));
         let table = MaterialTable::new([("air".to_owned(), f64::from(GREYS[0]))].into_iter().chain(means))?;
-        Ok(Self { size, samples: samples(size, solids), table })
+        Ok(Self { size, samples: Gyroids::new(size, solids, 1.0).slices(0..size[2]), table })
     }
 
     pub(crate) fn slab(&self) -> Slab<'_, u16> {
@@ -85,35 +86,52 @@ pub(crate) struct Outcome {
     pub(crate) rounds: usize,
 }
 
-fn samples(size: [usize; 3], solids: usize) -> Vec<u16> {
-    const PERIODS: [f32; 7] = [112.0, 171.0, 139.0, 97.0, 151.0, 127.0, 109.0];
-    const SIGMA: f32 = 1.2;
-    let [nx, ny, nz] = size;
-    let waves =
-        |n: usize, p: f32| -> Vec<(f32, f32)> { (0..n).map(|i| (TAU * i as f32 / p).sin_cos()).collect() };
-    let gyroids = &PERIODS[..(solids + 1).min(PERIODS.len())];
-    let tables: Vec<[Vec<(f32, f32)>; 3]> =
-        gyroids.iter().map(|&p| [nx, ny, nz].map(|n| waves(n, p))).collect();
-    let step = |d: f32| 1.0 / (1.0 + (-1.702 * d / SIGMA).exp());
-    let mut out = vec![0u16; nx * ny * nz];
-    out.par_chunks_mut(nx * ny).enumerate().for_each(|(z, slice)| {
-        for (i, value) in slice.iter_mut().enumerate() {
-            let (x, y) = (i % nx, i / nx);
-            let inside = |k: usize| {
-                let [tx, ty, tz] = &tables[k];
-                let ((sx, cx), (sy, cy), (sz, cz)) = (tx[x], ty[y], tz[z]);
-                step((sx * cy + sy * cz + sz * cx) * gyroids[k] / (TAU * 1.2))
-            };
-            let share = match gyroids.len() {
-                1 => 1.0,
-                n => (1..n).map(inside).sum::<f32>() / (n - 1) as f32,
-            };
-            let noise = (((i * 31 + z * 7919).wrapping_mul(2_654_435_761) >> 9) & 255) as f32 - 127.5;
-            let solid = GREYS[1] - GREYS[0] + (GREYS[2] - GREYS[1]) * share;
-            *value = (GREYS[0] + inside(0) * solid + noise) as u16;
-        }
-    });
-    out
+/// The grey values of a volume cut up by gyroids, any slices of it.
+pub(crate) struct Gyroids {
+    size: [usize; 3],
+    periods: Vec<f32>,
+    /// For each gyroid and axis, sine and cosine at every voxel.
+    tables: Vec<[Vec<(f32, f32)>; 3]>,
+}
+
+impl Gyroids {
+    /// `solids` + 1 gyroids with periods of about a hundred voxels times `scale`.
+    pub(crate) fn new(size: [usize; 3], solids: usize, scale: f32) -> Self {
+        const PERIODS: [f32; 7] = [112.0, 171.0, 139.0, 97.0, 151.0, 127.0, 109.0];
+        let waves = |n: usize, p: f32| -> Vec<(f32, f32)> {
+            (0..n).map(|i| (TAU * i as f32 / p).sin_cos()).collect()
+        };
+        let periods: Vec<f32> =
+            PERIODS[..(solids + 1).min(PERIODS.len())].iter().map(|p| p * scale).collect();
+        let tables = periods.iter().map(|&p| size.map(|n| waves(n, p))).collect();
+        Self { size, periods, tables }
+    }
+
+    /// The samples of some slices.
+    pub(crate) fn slices(&self, slices: Range<usize>) -> Vec<u16> {
+        const SIGMA: f32 = 1.2;
+        let [nx, ny, _] = self.size;
+        let step = |d: f32| 1.0 / (1.0 + (-1.702 * d / SIGMA).exp());
+        let mut out = vec![0u16; nx * ny * slices.len()];
+        out.par_chunks_mut(nx * ny).zip(slices).for_each(|(slice, z)| {
+            for (i, value) in slice.iter_mut().enumerate() {
+                let (x, y) = (i % nx, i / nx);
+                let inside = |k: usize| {
+                    let [tx, ty, tz] = &self.tables[k];
+                    let ((sx, cx), (sy, cy), (sz, cz)) = (tx[x], ty[y], tz[z]);
+                    step((sx * cy + sy * cz + sz * cx) * self.periods[k] / (TAU * 1.2))
+                };
+                let share = match self.periods.len() {
+                    1 => 1.0,
+                    n => (1..n).map(inside).sum::<f32>() / (n - 1) as f32,
+                };
+                let noise = (((i * 31 + z * 7919).wrapping_mul(2_654_435_761) >> 9) & 255) as f32 - 127.5;
+                let solid = GREYS[1] - GREYS[0] + (GREYS[2] - GREYS[1]) * share;
+                *value = (GREYS[0] + inside(0) * solid + noise) as u16;
+            }
+        });
+        out
+    }
 }
 
 /// The middle of some measurements.

@@ -34,7 +34,8 @@ mod tests {
     #[test]
     fn an_isosurface_is_the_contour_of_two_materials() {
         let size = [66, 5, 6];
-        let samples: Vec<u16> = (0..66 * 5 * 6).map(|i: u32| (i * i * 7919 % 1009) as u16).collect();
+        let samples: Vec<u16> =
+            (0..66 * 5 * 6).map(|i: u32| (i.wrapping_mul(i).wrapping_mul(7919) % 1009) as u16).collect();
         let slab = Slab::whole(&samples, size);
         let table = MaterialTable::new([("air", 300.0), ("iron", 800.0)]).unwrap();
         let labels = LabelVolume::from_planes(&alpha(slab, &table, 1..size[2] + 1));

@@ -90,19 +90,33 @@ impl MemoryPlan {
         if self.most == depth && self.fits(all) {
             return Ok(whole);
         }
-        // Labels in memory are worth it while they leave most of it to slabs.
+        // Labels in memory are worth it while they leave most of it to slabs, and many steps a sweep while
+        // there is room for their halo.
         let small = self.budget.is_some_and(|budget| labels <= budget / 4);
-        let kept = scratch.is_none() || small;
-        let store = if kept { labels } else { 0 };
-        let steps = SlabPlan::STEPS;
-        let bytes = |slices: usize| {
-            let reach = (slices + 2 * (halo + steps)).min(depth);
-            let samples = sweep_bytes(self.size, self.sample, slices, halo + steps);
-            BASE + store + samples + self.planes(4 * n + 4, reach)
+        let places: &[bool] = match scratch {
+            None => &[true],
+            Some(_) if small => &[true, false],
+            Some(_) => &[false],
         };
-        let slices = self.thickest(bytes)?.min(depth.div_ceil(2));
-        let scratch = if kept { None } else { scratch.map(Path::to_owned) };
-        Ok(SlabPlan { slices, steps, scratch })
+        let mut refused = None;
+        for steps in [SlabPlan::STEPS, 4, 2, 1] {
+            for &kept in places {
+                let bytes = |slices: usize| {
+                    let reach = (slices + 2 * (halo + steps)).min(depth);
+                    let samples = sweep_bytes(self.size, self.sample, slices, halo + steps);
+                    let store = if kept { labels } else { 0 };
+                    BASE + store + samples + self.planes(4 * n + 4, reach)
+                };
+                match self.thickest(bytes) {
+                    Ok(slices) => {
+                        let scratch = if kept { None } else { scratch.map(Path::to_owned) };
+                        return Ok(SlabPlan { slices: slices.min(depth.div_ceil(2)), steps, scratch });
+                    }
+                    Err(error) => refused = Some(error),
+                }
+            }
+        }
+        Err(refused.unwrap_or(PipelineError::Memory { budget: 0, needed: labels, size: self.size }))
     }
 
     /// Slices of a slab while the surface is extracted, for a volume classified by `plan`.
