@@ -11,6 +11,8 @@ use crate::classify::{LabelStore, LabelVolume, SlabPlan};
 use crate::material::{BLUR_HALO, survey_bytes};
 use crate::volume::{SampleType, sweep_bytes};
 
+/// One part in so many of the budget is left to the allocator.
+const ALLOCATOR_SHARE: u64 = 8;
 /// The program, its tables, threads and buffers of files.
 const BASE: u64 = 48 << 20;
 /// Bytes that a triangle of a piece takes while it is made: vertices and triangle in lattice units.
@@ -44,6 +46,8 @@ impl MemoryPlan {
         slab: Option<usize>,
     ) -> Self {
         let most = slab.unwrap_or(size[2]).clamp(1, size[2]);
+        // What the allocator keeps back of memory that was given back.
+        let budget = budget.map(|bytes| bytes - bytes / ALLOCATOR_SHARE);
         let mut plan = Self { budget, size, sample, most, piece: PIECE };
         while budget.is_some_and(|budget| plan.pieces() > budget / 4) && plan.piece > SMALLEST_PIECE {
             plan.piece /= 2;
@@ -154,8 +158,9 @@ impl MemoryPlan {
             return Ok(self.most);
         }
         if !self.fits(bytes(1)) {
-            let (budget, needed, size) = (self.budget.unwrap_or(u64::MAX), bytes(1), self.size);
-            return Err(PipelineError::Memory { budget, needed, size });
+            let whole = |bytes: u64| bytes + bytes / (ALLOCATOR_SHARE - 1);
+            let (budget, needed) = (whole(self.budget.unwrap_or(u64::MAX / 2)), whole(bytes(1)) + 1);
+            return Err(PipelineError::Memory { budget, needed, size: self.size });
         }
         let (mut good, mut bad) = (1, self.most);
         while bad - good > 1 {

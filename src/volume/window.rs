@@ -125,6 +125,7 @@ impl<'a, S: Sample> SampleWindow<'a, S> {
             self.reader = reader;
             self.ahead = S::unwrap(ahead).unwrap_or_default();
         }
+        self.ahead = Vec::new();
         Ok(())
     }
 
@@ -146,8 +147,8 @@ impl<'a, S: Sample> SampleWindow<'a, S> {
             self.dropped += (slices.start - self.held.start) * slice;
             self.held.start = slices.start;
         } else {
-            self.samples.clear();
-            self.ahead.clear();
+            // A new pass may need less room.
+            (self.samples, self.ahead) = (Vec::new(), Vec::new());
             (self.held, self.dropped) = (slices.start..slices.start, 0);
         }
         let kept = self.samples.len() - self.dropped;
