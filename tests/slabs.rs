@@ -309,6 +309,42 @@ fn runs_that_must_fail_fail_alike_in_slabs() {
     assert!(matches!(error, PipelineError::Classify(ClassifyError::TooManyLabels { .. })), "{error}");
 }
 
+/// A volume that cannot be read.
+struct Unreadable(Geometry);
+
+impl VolumeSource for Unreadable {
+    fn geometry(&self) -> &Geometry {
+        &self.0
+    }
+
+    fn sample_type(&self) -> SampleType {
+        SampleType::U16
+    }
+
+    fn cheap_partial_reads(&self) -> bool {
+        true
+    }
+
+    fn read(&self, part: &VoxelBox) -> Result<Samples, VolumeError> {
+        panic!("{part:?} was read")
+    }
+}
+
+#[test]
+fn too_little_memory_is_refused_before_anything_is_read() {
+    for (size, memory) in [([9, 8, 7], 1 << 20), ([2000, 2000, 2000], 90 << 20), ([30000, 30000, 3], 1 << 30)]
+    {
+        let source = Unreadable(Geometry::axis_aligned(size, [1.0; 3]).unwrap());
+        let execution = Execution::default().with_memory(memory).with_slab(4);
+        let mut sink = Collect(MeshMerger::default(), Vec::new(), 100);
+        let error =
+            extract_into(&source, &PipelineOptions::default(), &execution, None, &mut sink).unwrap_err();
+        let PipelineError::Memory { budget, needed, size: said } = error else { panic!("{error}") };
+        assert!(budget == memory && needed > memory && said == size, "{needed}");
+        assert!(sink.1.is_empty());
+    }
+}
+
 #[test]
 fn an_engine_is_the_same_in_slabs() {
     let Some(input) = shared("engine/engine.mha") else { return };
