@@ -101,16 +101,20 @@ impl MemoryPlan {
         if self.most == depth && self.fits(all) {
             return Ok(whole);
         }
-        // Labels in memory are worth it while they leave most of it to slabs.
-        let small = self.budget.is_some_and(|budget| labels <= budget / 4);
-        let kept = scratch.is_none() || small;
-        let store = if kept { labels } else { 0 };
         let steps = SlabPlan::STEPS;
         let bytes = |slices: usize| {
             let reach = (slices + 2 * (halo + steps)).min(depth);
             let samples = sweep_bytes(self.size, self.sample, slices, halo + steps);
-            BASE + store + samples + self.planes(4 * n + 4, reach)
+            BASE + samples + self.planes(4 * n + 4, reach)
         };
+        // Labels in memory are worth it while they leave most of it to slabs.
+        let in_memory = SlabPlan { slices: 1, steps, scratch: None };
+        let small = self.budget.is_some_and(|budget| labels <= budget / 4)
+            && self.fits(labels + bytes(1))
+            && self.contouring(materials, &in_memory).is_ok();
+        let kept = scratch.is_none() || small;
+        let store = if kept { labels } else { 0 };
+        let bytes = |slices: usize| store + bytes(slices);
         let slices = self.thickest(bytes)?.min(depth.div_ceil(2));
         let scratch = if kept { None } else { scratch.map(Path::to_owned) };
         Ok(SlabPlan { slices, steps, scratch })
