@@ -129,7 +129,7 @@ impl<'a, S: Sample> Run<'a, S> {
     ) -> Result<Self, PipelineError> {
         let geometry = source.geometry();
         let (budget, slab) = (execution.memory(), execution.slab());
-        let memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
+        let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
         // What is not known yet is taken to be at the upper end of the usual.
         let materials = match &options.materials {
             MaterialChoice::Given(given) => given.len(),

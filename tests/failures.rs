@@ -299,27 +299,87 @@ fn a_folder_that_may_not_be_written_is_known_at_once() {
     work.fails(&format!("{good} --out locked/out"), 1, &["locked/out", "permission denied", "choose"]);
 }
 
+/// A small file system, while it lives.
+#[cfg(target_os = "linux")]
+struct Mounted(PathBuf);
+
+#[cfg(target_os = "linux")]
+impl Mounted {
+    /// One of `size` in the folder `name` that is made for it, or `None` (said aloud).
+    fn new(work: &Work, name: &str, size: &str) -> Option<Self> {
+        let path = work.path().join(name);
+        fs::create_dir(&path).unwrap();
+        let options = format!("size={size}");
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(&path).output();
+        if mount.is_ok_and(|m| m.status.success()) {
+            return Some(Self(path));
+        }
+        eprintln!("SKIPPED: a full file system, since none can be mounted here");
+        None
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl Drop for Mounted {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_disk_that_fills_while_slabs_are_worked_on_leaves_nothing() {
+    let work = Work::new();
+    const N: usize = 64;
+    work.raw("balls.raw", N, |p| if radius(p.map(|x| x % 16), 16) < 6.0 { 40_000 } else { 4000 });
+    // Within the mesh of some 5 MiB, and at its beginning.
+    for (name, size) in [("half", "1m"), ("tiny", "64k")] {
+        if let Some(_disk) = Mounted::new(&work, name, size) {
+            let file = format!("{name}/out/assembly.ply");
+            for slab in [3, 31] {
+                let run = format!("balls.raw --size {N},{N},{N} --type u16 --slab {slab} --out {name}/out");
+                work.fails(&run, 1, &[file.as_str(), "no space is left", "another disk", "Nothing was left"]);
+                assert!(fs::read_dir(work.path().join(name)).unwrap().next().is_none());
+            }
+        }
+    }
+    // The limit of a shell on the size of files: within the mesh.
+    let before = contents(work.path());
+    let script = "trap '' XFSZ; ulimit -f 1024; exec \"$0\" extract balls.raw --size 64,64,64 --type u16 --slab 9 --out out";
+    let output = Command::new("sh").args(["-c", script, BINARY]).current_dir(work.path()).output().unwrap();
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert_failure_reads_well("ulimit", &message, &["out/assembly.ply", "too large", "Nothing was"]);
+    assert!(contents(work.path()) == before);
+}
+
+#[test]
+fn a_budget_of_memory_that_cannot_do_is_refused_before_anything_is_read() {
+    let work = Work::new();
+    for (allowed, said) in [("1MiB", "1.0 MiB"), ("70MiB", "70.0 MiB"), ("0", "0 B")] {
+        let words = ["memory budget", said, "too small", "[24, 24, 24]", "at least", "MiB", "--memory"];
+        work.fails(&format!("good.raw {RAW} --memory {allowed}"), 1, &words);
+        work.fails(&format!("good.raw {RAW} --memory {allowed} --slab 2 --labels"), 1, &words);
+    }
+    work.fails(&format!("good.raw {RAW} --memory much"), 2, &["'much'", "--memory"]);
+    // What is said to be needed is enough.
+    let message = work.fails(&format!("good.raw {RAW} --memory 1MiB"), 1, &[]);
+    let needed = message.split("at least ").nth(1).and_then(|m| m.split(" (").next()).unwrap();
+    let bytes: bytesize::ByteSize = needed.parse().unwrap();
+    // One digit behind the point is shown.
+    let enough = bytes.as_u64() + (1 << 20) / 10;
+    let output = work.extract(&format!("good.raw {RAW} --memory {enough}B"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_disk_leaves_nothing_and_an_earlier_result() {
-    /// A file system of 64 KiB, while it lives.
-    struct Mounted(PathBuf);
-    impl Drop for Mounted {
-        fn drop(&mut self) {
-            let _ = Command::new("umount").arg(&self.0).status();
-        }
-    }
     let work = Work::new();
-    let tiny = work.path().join("tiny");
-    fs::create_dir(&tiny).unwrap();
-    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=64k", "tmpfs"]).arg(&tiny).output();
-    if mount.is_ok_and(|m| m.status.success()) {
-        let _mounted = Mounted(tiny.clone());
+    if let Some(_tiny) = Mounted::new(&work, "tiny", "64k") {
         let words = ["tiny/out/", "no space is left", "another disk", "Nothing was left"];
         work.fails(&format!("good.raw {RAW} --out tiny/out"), 1, &words);
-        assert!(fs::read_dir(&tiny).unwrap().next().is_none());
-    } else {
-        eprintln!("SKIPPED: a full file system, since none can be mounted here");
+        assert!(fs::read_dir(work.path().join("tiny")).unwrap().next().is_none());
     }
 
     // The limit of a shell on the size of files (blocks of 512 or 1024 bytes) fails writes likewise.

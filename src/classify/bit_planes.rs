@@ -9,12 +9,14 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Bits in a word.
 pub const WORD: usize = 64;
 
 /// `count` bit planes over one padded lattice, or over some slices of it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
 pub struct BitPlanes {
     count: usize,
     /// Padded lattice points per axis.
@@ -23,6 +25,32 @@ pub struct BitPlanes {
     /// The first of the slices that are held, in padded coordinates.
     first: usize,
     data: Vec<u64>,
+}
+
+/// Planes as they come from outside.
+#[derive(Deserialize)]
+struct Unchecked {
+    count: usize,
+    padded: [usize; 3],
+    words: usize,
+    first: usize,
+    data: Vec<u64>,
+}
+
+impl TryFrom<Unchecked> for BitPlanes {
+    type Error = &'static str;
+
+    fn try_from(planes: Unchecked) -> Result<Self, Self::Error> {
+        let Unchecked { count, padded, words, first, data } = planes;
+        let slice = count.checked_mul(padded[1]).and_then(|n| n.checked_mul(words)).filter(|&n| n > 0);
+        let slices = slice.filter(|&n| data.len().is_multiple_of(n)).map(|n| data.len() / n);
+        let end = slices.and_then(|n| first.checked_add(n));
+        let fits = padded.iter().all(|&n| n > 2) && words == padded[0].div_ceil(WORD);
+        if fits && end.is_some_and(|end| end <= padded[2]) {
+            return Ok(Self { count, padded, words, first, data });
+        }
+        Err("damaged bit planes: their numbers contradict each other")
+    }
 }
 
 impl BitPlanes {

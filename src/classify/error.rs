@@ -43,6 +43,14 @@ pub enum ClassifyError {
         /// The label.
         label: f64,
     },
+    /// Bricks that are not of one volume, or not all of those needed.
+    #[error(
+        "the bricks given do not hold slice {slice} of the padded volume, or are of different volumes; give the brick and its neighbours, all from the same run"
+    )]
+    Bricks {
+        /// A padded slice that is missing, or the first one of a brick that does not fit.
+        slice: usize,
+    },
     /// The volume could not be read.
     #[error(transparent)]
     Volume(#[from] VolumeError),

@@ -10,6 +10,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::bit_planes::BitPlanes;
+use super::bricks::Brick;
 use super::error::ClassifyError;
 use super::label_volume::LabelVolume;
 
@@ -68,12 +69,12 @@ impl LabelStore {
         self.materials
     }
 
-    /// Puts down the padded slices of voxels that `labels` holds.
+    /// Puts down the slices of a brick.
     ///
     /// # Errors
     /// [`ClassifyError::Scratch`] if the scratch file cannot be written.
-    pub fn write(&mut self, labels: &LabelVolume, junction: &BitPlanes) -> Result<(), ClassifyError> {
-        let slices = labels.codes().voxel_slices();
+    pub fn write(&mut self, brick: &Brick) -> Result<(), ClassifyError> {
+        let (labels, junction, slices) = (brick.labels(), brick.junction(), brick.slices());
         match &mut self.place {
             Place::Memory(all, flags) => {
                 all.set_slices(labels, slices.clone());

@@ -7,6 +7,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::alpha::at_least_word;
 use super::bit_planes::{BitPlanes, WORD};
@@ -16,11 +17,38 @@ use crate::grid::MaterialId;
 use crate::volume::{Sample, Slab};
 
 /// A material for each voxel of a volume; see the module's header.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Unchecked")]
 pub struct LabelVolume {
     materials: usize,
     size: [usize; 3],
     codes: BitPlanes,
+}
+
+/// Labels as they come from outside.
+#[derive(Deserialize)]
+struct Unchecked {
+    materials: usize,
+    size: [usize; 3],
+    codes: BitPlanes,
+}
+
+impl TryFrom<Unchecked> for LabelVolume {
+    type Error = &'static str;
+
+    fn try_from(labels: Unchecked) -> Result<Self, Self::Error> {
+        let Unchecked { materials, size, codes } = labels;
+        if materials <= MaterialId::MAX_COUNT && codes.count() == code_bits(materials) && codes.size() == size
+        {
+            return Ok(Self { materials, size, codes });
+        }
+        Err("damaged labels: their numbers contradict each other")
+    }
+}
+
+/// Bits of a code: those of the number of materials, which stands for `OUTSIDE`.
+fn code_bits(materials: usize) -> usize {
+    (usize::BITS - materials.leading_zeros()) as usize
 }
 
 impl LabelVolume {
@@ -169,7 +197,7 @@ impl LabelVolume {
     }
 
     fn all_outside(size: [usize; 3], materials: usize, slices: Range<usize>) -> Self {
-        let bits = (usize::BITS - materials.leading_zeros()) as usize;
+        let bits = code_bits(materials);
         let mut codes = BitPlanes::window(size, bits, slices.clone());
         let padded = codes.padded();
         for p in (0..bits).filter(|p| materials >> p & 1 == 1) {

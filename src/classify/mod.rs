@@ -11,6 +11,7 @@
 mod alpha;
 mod ball;
 mod bit_planes;
+mod bricks;
 mod error;
 mod label_ids;
 mod label_store;
@@ -27,6 +28,7 @@ use alpha::count_densest_kept;
 pub use alpha::alpha;
 pub use ball::{Ball, Dilation};
 pub use bit_planes::{BitPlanes, SliceMut, WORD};
+pub use bricks::{Brick, Schedule, Sweep, SweepReport};
 pub use error::ClassifyError;
 pub use label_ids::{KnownLabels, LabelIds};
 pub use label_store::{LabelStore, Stored};

@@ -4,20 +4,18 @@
 //! The first sweep decides each slice once (alpha, core, pair) and takes `steps` steps of thinning
 //! in every slab, with as many slices of halo. Further sweeps visit only slabs with undecided voxels. A
 //! sweep takes the same steps everywhere, so the changes of each step, added up over the slabs' cores, say
-//! when the whole volume was at rest and a [`Step::Settle`] is due: `docs/scale.md`.
+//! when the whole volume was at rest and a [`Step::Settle`](super::Step::Settle) is due: `docs/scale.md`.
 
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::alpha::count_densest_kept;
 use super::bit_planes::BitPlanes;
+use super::bricks::{Brick, Schedule, SweepReport, thin_planes, thin_stored};
 use super::error::ClassifyError;
 use super::label_store::LabelStore;
-use super::label_volume::LabelVolume;
 use super::pair::junction;
 use super::passes::Passes;
-use super::thinning::{Step, Thinned, Thinning};
 use super::{ClassifyCounts, check_radius, classify};
 use crate::execution::Execution;
 use crate::material::MaterialTable;
@@ -61,14 +59,6 @@ pub struct Classified {
     pub counts: ClassifyCounts,
 }
 
-/// What is known of a slab after a sweep.
-#[derive(Debug, Clone, Default)]
-struct Record {
-    undecided: u64,
-    labelled: Vec<u64>,
-    densest_kept: u64,
-}
-
 /// Classifies a volume slab by slab, with blur radius `radius` (R, in voxels per axis).
 ///
 /// # Errors
@@ -95,14 +85,14 @@ pub fn classify_slabs<S: Sample>(
         None => LabelStore::in_memory(size, materials.count()),
     };
     let passes = Passes::new(size, materials, radius);
-    let steps = plan.steps.max(1);
-    let records = vec![Record::default(); slabs.len()];
-    let mut sweeps = Sweeps { materials, passes, store, slabs, steps, records, execution };
-    let (mut counts, mut at_rest) = sweeps.first(window, radius)?;
-    while sweeps.undecided() > 0 {
-        let next = if at_rest { Step::Settle } else { Step::Thin };
-        at_rest = sweeps.further(window, next, radius, &mut counts)?;
+    let schedule = Schedule::new(plan.steps, radius);
+    let records = vec![SweepReport::default(); slabs.len()];
+    let mut sweeps = Sweeps { materials, passes, store, slabs, schedule, records, execution };
+    let mut counts = sweeps.first(window, radius)?;
+    while sweeps.schedule.add(&sweeps.changed(), sweeps.undecided())? {
+        sweeps.further(window)?;
     }
+    counts.add_thinned(&sweeps.schedule.thinned());
     for (i, labelled) in counts.labelled.iter_mut().enumerate() {
         *labelled = sweeps.records.iter().map(|r| r.labelled[i]).sum();
     }
@@ -118,8 +108,9 @@ struct Sweeps<'a> {
     passes: Passes<'a>,
     store: LabelStore,
     slabs: Vec<Range<usize>>,
-    steps: usize,
-    records: Vec<Record>,
+    schedule: Schedule,
+    /// Each slab after its last sweep.
+    records: Vec<SweepReport>,
     execution: &'a Execution,
 }
 
@@ -128,25 +119,31 @@ impl Sweeps<'_> {
         self.records.iter().map(|r| r.undecided).sum()
     }
 
-    /// The first sweep: all passes, and steps of thinning. Returns the counts, and whether thinning came to
-    /// rest in the whole volume.
+    /// The changes of each step of the last sweep in all slabs.
+    fn changed(&self) -> Vec<u64> {
+        let mut changed = vec![0; self.schedule.sweep().halo()];
+        self.records.iter().for_each(|r| add(&mut changed, &r.changed));
+        changed
+    }
+
+    /// The first sweep: all passes, and steps of thinning. Returns the counts so far.
     fn first<S: Sample>(
         &mut self,
         window: &mut SampleWindow<'_, S>,
         radius: [f64; 3],
-    ) -> Result<(ClassifyCounts, bool), ClassifyError> {
-        let Self { materials, passes, store, slabs, steps, records, execution } = self;
+    ) -> Result<ClassifyCounts, ClassifyError> {
+        let Self { materials, passes, store, slabs, schedule, records, execution } = self;
         let (n, size) = (materials.count(), window.size());
         let mut counts = ClassifyCounts::zero(n);
-        let mut changed = vec![0; *steps];
+        let sweep = schedule.sweep();
         // Decided slices, before any step of thinning: the later ones are the next slab's halo.
         let mut fresh = BitPlanes::window(size, n, 1..1);
         let stage = execution.stage(STAGE, size[2] as u64);
         let thickness = slabs.first().map_or(1, Range::len);
         let mut records = records.iter_mut();
-        window.sweep(thickness, *steps + passes.halo(), |slab, core| {
+        window.sweep(thickness, sweep.halo() + passes.halo(), |slab, core| {
             let core = core.start + 1..core.end + 1;
-            let wide = passes.around(&core, *steps);
+            let wide = sweep.needs(&core, size[2]);
             let new = fresh.slices().end.max(wide.start)..wide.end;
             fresh = std::mem::replace(&mut fresh, BitPlanes::window(size, n, 1..1)).moved(wide);
             if !new.is_empty() {
@@ -160,93 +157,44 @@ impl Sweeps<'_> {
             let mut b = fresh.clone();
             let undecided = junction(&b);
             counts.junction += undecided.counts_in(core.clone())[0];
-            let mut thinning = Thinning::new(slab, &mut b, undecided.clone(), materials);
-            for changed in &mut changed {
-                if thinning.at_rest() {
-                    break;
-                }
-                *changed += thinning.step(Step::Thin, &core);
-            }
+            let report = thin_planes(slab, &mut b, undecided.clone(), materials, sweep, &core);
             if let Some(record) = records.next() {
-                *record = Record {
-                    undecided: thinning.open_in(&core),
-                    labelled: b.counts_in(core.clone()),
-                    densest_kept: count_densest_kept(slab, &b, materials, core.clone()),
-                };
+                *record = report;
             }
             stage.advance(core.len() as u64);
-            let labels = LabelVolume::from_planes(&b.moved(core.clone()));
-            store.write(&labels, &undecided.moved(core))
+            store.write(&Brick::of(&b.moved(core.clone()), undecided.moved(core)))
         })?;
         if counts.core.iter().all(|&c| c == 0) {
             return Err(ClassifyError::NoCore { radius });
         }
-        counts.thinning_rounds = changed.iter().filter(|&&c| c > 0).count();
-        Ok((counts, changed.contains(&0)))
+        Ok(counts)
     }
 
-    /// A further sweep over the slabs with undecided voxels, beginning with `next`; returns whether thinning
-    /// came to rest in it.
-    fn further<S: Sample>(
-        &mut self,
-        window: &mut SampleWindow<'_, S>,
-        next: Step,
-        radius: [f64; 3],
-        counts: &mut ClassifyCounts,
-    ) -> Result<bool, ClassifyError> {
-        let mut changed = vec![0; self.steps];
+    /// The sweep that is due, over the slabs with undecided voxels.
+    fn further<S: Sample>(&mut self, window: &mut SampleWindow<'_, S>) -> Result<(), ClassifyError> {
+        let sweep = self.schedule.sweep();
+        let depth = window.size()[2];
         // Slabs that this sweep has changed, kept back while a later slab has them in its halo.
-        let mut done: VecDeque<(LabelVolume, BitPlanes)> = VecDeque::new();
+        let mut done: VecDeque<Brick> = VecDeque::new();
         let stage = self.execution.stage("finishing junctions", self.slabs.len() as u64);
         for (core, record) in self.slabs.iter().zip(&mut self.records) {
             stage.advance(1);
             if record.undecided == 0 {
+                record.changed.clear();
                 continue;
             }
             self.execution.check()?;
-            let wide = self.passes.around(core, self.steps);
-            while let Some((labels, flags)) =
-                done.pop_front_if(|(labels, _)| labels.codes().voxel_slices().end <= wide.start)
-            {
-                self.store.write(&labels, &flags)?;
+            let wide = sweep.needs(core, depth);
+            while let Some(brick) = done.pop_front_if(|brick| brick.slices().end <= wide.start) {
+                self.store.write(&brick)?;
             }
             window.hold(wide.start - 1..wide.end - 1)?;
-            let slab = window.slab();
-            let (labels, flags) = self.store.read(wide.clone())?;
-            let (mut b, undecided) = labels.to_planes(wide);
-            let mut own_flags = BitPlanes::window(b.size(), 1, core.clone());
-            own_flags.set_slices(core.start, flags.slice_data(core.clone()));
-            let mut thinning = Thinning::new(slab, &mut b, undecided, self.materials);
-            for (k, changed) in changed.iter_mut().enumerate() {
-                if thinning.at_rest() {
-                    break;
-                }
-                *changed += thinning.step(if k == 0 { next } else { Step::Thin }, core);
-            }
-            *record = Record {
-                undecided: thinning.open_in(core),
-                labelled: b.counts_in(core.clone()),
-                densest_kept: count_densest_kept(slab, &b, self.materials, core.clone()),
-            };
-            done.push_back((LabelVolume::from_planes(&b.moved(core.clone())), own_flags));
+            let (labels, flags) = self.store.read(wide)?;
+            let (brick, report) = thin_stored((&labels, &flags), window.slab(), self.materials, sweep, core);
+            *record = report;
+            done.push_back(brick);
         }
-        for (labels, flags) in done {
-            self.store.write(&labels, &flags)?;
-        }
-        let mut thinned = Thinned::default();
-        let thinning = if next == Step::Settle {
-            if changed[0] == 0 {
-                return Err(ClassifyError::NoCore { radius });
-            }
-            thinned.settling_rounds = 1;
-            thinned.settled = changed[0];
-            &changed[1..]
-        } else {
-            &changed[..]
-        };
-        thinned.rounds = thinning.iter().filter(|&&c| c > 0).count();
-        counts.add_thinned(&thinned);
-        Ok(thinning.contains(&0))
+        done.iter().try_for_each(|brick| self.store.write(brick))
     }
 }
 

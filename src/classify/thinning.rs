@@ -14,6 +14,7 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
@@ -33,7 +34,7 @@ pub struct Thinned {
 }
 
 /// What a step does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Step {
     /// Removes the cells that are removable.
     Thin,

@@ -16,4 +16,4 @@ pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
 pub use error::ContourError;
 pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
-pub use piece::{Piece, SeamKey, merge};
+pub use piece::{Piece, SeamKey, layers_of, merge};

@@ -108,6 +108,14 @@ impl Piece {
     }
 }
 
+/// The layers of cells that belong to a slab of the padded slices `slices` of voxels: layer z to the one with
+/// slice z, and to the first also the layer below it. Their surface takes the labels and samples of these
+/// slices and of the one above.
+#[must_use]
+pub fn layers_of(slices: &Range<usize>) -> Range<usize> {
+    if slices.start == 1 { 0..slices.end } else { slices.clone() }
+}
+
 /// Merges pieces, given in order of their layers. The patch of the pieces of all layers is the whole
 /// surface; with some layers missing at an end, it has an open edge there.
 ///

@@ -4,7 +4,7 @@
 //! known before; a piece of mesh is bounded by its number of triangles, except that it has one layer
 //! of cells at least.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::PipelineError;
 use crate::classify::{LabelStore, LabelVolume, SlabPlan};
@@ -61,12 +61,23 @@ impl MemoryPlan {
     }
 
     /// Refuses a budget that is certainly too small, for about `materials` materials, passes with `halo`
-    /// slices, and a sink that takes `sink` bytes.
-    pub(super) fn check(&self, materials: usize, halo: usize, sink: u64) -> Result<(), PipelineError> {
-        self.thickest(|_| BASE + sink)?;
-        self.survey()?;
-        let plan = self.slabs(materials, halo, Some(Path::new("")))?;
-        self.contouring(materials, &plan).map(drop)
+    /// slices, and a sink that takes `sink` bytes. What is said to be needed is enough for all stages.
+    pub(super) fn check(&mut self, materials: usize, halo: usize, sink: u64) -> Result<(), PipelineError> {
+        loop {
+            let plan = self.slabs(materials, halo, Some(Path::new("")));
+            let thin = SlabPlan { slices: 1, steps: SlabPlan::STEPS, scratch: Some(PathBuf::new()) };
+            let contouring = self.contouring(materials, plan.as_ref().unwrap_or(&thin));
+            let stages = [self.thickest(|_| BASE + sink), self.survey(), plan.map(|p| p.slices), contouring];
+            let needed = |error: &PipelineError| match error {
+                PipelineError::Memory { needed, .. } => *needed,
+                _ => u64::MAX,
+            };
+            match stages.into_iter().filter_map(Result::err).max_by_key(needed) {
+                None => return Ok(()),
+                Some(_) if self.piece > SMALLEST_PIECE => self.piece /= 2,
+                Some(error) => return Err(error),
+            }
+        }
     }
 
     /// Slices of a slab while materials and blur are looked for.
@@ -96,7 +107,9 @@ impl MemoryPlan {
         }
         // Labels in memory are worth it while they leave most of it to slabs, and many steps a sweep while
         // there is room for their halo.
-        let small = self.budget.is_some_and(|budget| labels <= budget / 4);
+        let in_memory = SlabPlan { slices: 1, steps: 1, scratch: None };
+        let small = self.budget.is_some_and(|budget| labels <= budget / 4)
+            && self.contouring(materials, &in_memory).is_ok();
         let places: &[bool] = match scratch {
             None => &[true],
             Some(_) if small => &[true, false],
@@ -192,10 +205,25 @@ mod tests {
         assert!(thin.0 >= 1 && thin.0 < thick.0 && thin.1, "{thin:?} {thick:?}");
         assert_eq!(slices(16 << 10).unwrap(), (1024, false));
         assert_eq!(MemoryPlan::new(size, SampleType::U16, None, None).survey().unwrap(), 1024);
-        let Err(PipelineError::Memory { budget, needed, .. }) = plan(60).check(3, 12, 0) else {
-            panic!("60 MiB cannot be enough")
-        };
-        assert!(needed > budget);
-        assert!(plan(needed.div_ceil(1 << 20)).survey().is_ok());
+    }
+
+    #[test]
+    fn the_memory_said_to_be_needed_is_enough() {
+        for (size, sample) in [
+            ([1024; 3], SampleType::U16),
+            ([64, 64, 40], SampleType::U8),
+            ([3000, 2500, 4], SampleType::F32),
+            ([12, 9000, 700], SampleType::I16),
+        ] {
+            for (halo, sink) in [(3, 0), (18, 80 << 20)] {
+                for allowed in [0, 60 << 20, 100 << 20] {
+                    let check = |bytes| MemoryPlan::new(size, sample, Some(bytes), None).check(4, halo, sink);
+                    let Err(PipelineError::Memory { budget, needed, .. }) = check(allowed) else { continue };
+                    assert!(budget == allowed && needed > budget);
+                    assert!(check(needed).is_ok(), "{size:?} {halo} {sink}: {needed} is not enough");
+                    assert!(check(needed - 1).is_err());
+                }
+            }
+        }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::{MeshSink, PipelineError};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
 use crate::contour::marching::march_pieces;
-use crate::contour::{Border, CrossingRule, Midpoints, Piece, Thresholds};
+use crate::contour::{Border, CrossingRule, Midpoints, Piece, Thresholds, layers_of};
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
 use crate::material::MaterialTable;
@@ -51,8 +51,7 @@ impl Surface<'_> {
         let started = Instant::now();
         let mut out = Out { surface: self, sink, stage, first: [0, 0], seconds: 0.0 };
         window.sweep(self.slices, 1, |slab, core| {
-            // Layer z of cells belongs to the slab with the padded slice z; the first has that of OUTSIDE.
-            let layers = if core.start == 0 { 0 } else { core.start + 1 }..core.end + 1;
+            let layers = layers_of(&(core.start + 1..core.end + 1));
             match &mut crossings {
                 Crossings::Thresholds { store, materials } => {
                     let (labels, junction) = store.read(layers.start..layers.end + 1)?;
