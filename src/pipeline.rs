@@ -104,7 +104,7 @@ pub fn extract_into(
     sink: &mut dyn MeshSink,
 ) -> Result<Findings, PipelineError> {
     options.check(source.geometry())?;
-    execution.plan(&STAGES);
+    execution.plan(&[&STAGES, sink.stages()].concat());
     with_sample_type!(source.sample_type(), S => Run::<S>::new(source, options, execution, scratch, sink.memory())?.run(sink))
 }
 

@@ -25,6 +25,12 @@ pub trait MeshSink: Send {
         0
     }
 
+    /// Stages of work that the sink has after the last piece, with their shares of time; the pipeline's
+    /// own come to about 10.
+    fn stages(&self) -> &[(&'static str, f64)] {
+        &[]
+    }
+
     /// How many triangles a piece should have at most, if the sink would rather have other pieces than
     /// those that the memory plan makes.
     fn piece(&self) -> Option<usize> {

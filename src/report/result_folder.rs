@@ -146,6 +146,10 @@ impl MeshSink for ResultWriter<'_> {
         Ok(())
     }
 
+    fn stages(&self) -> &[(&'static str, f64)] {
+        &[(WRITING, 1.0)]
+    }
+
     fn memory(&self) -> u64 {
         // The picture: 12 bytes for every sample of it, and its pixels; and pieces of the file.
         let RenderOptions { width, height, supersampling, .. } = RenderOptions::default();
