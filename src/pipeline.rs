@@ -169,7 +169,7 @@ impl<'a, S: Sample> Run<'a, S> {
         };
         surface.extract(
             &mut self.window,
-            Crossings::Thresholds { store, materials: &materials },
+            Crossings::Thresholds { store: Box::new(store), materials: &materials },
             sink,
             &mut self.costs,
         )?;

@@ -292,8 +292,10 @@ fn runs_that_must_fail_fail_alike_in_slabs() {
     let noise = voxels.clone().map(|i| GREYS[(mix(3, i) % 4) as usize] as u8).collect();
     let error = fails(&Samples::U8(noise), &options);
     assert!(matches!(error, PipelineError::Classify(ClassifyError::NoCore { .. })), "{error}");
-    let specks =
-        voxels.clone().map(|i| if mix(5, i) % 300 == 0 { GREYS[1 + i % 3] as u8 } else { 20 }).collect();
+    let specks = voxels
+        .clone()
+        .map(|i| if mix(5, i).is_multiple_of(300) { GREYS[1 + i % 3] as u8 } else { 20 })
+        .collect();
     let error = fails(&Samples::U8(specks), &options);
     assert!(matches!(error, PipelineError::NoInterface { .. }), "{error}");
     let absent = voxels.clone().map(|i| if i % 24 < 12 { 20 } else { 90 }).collect();

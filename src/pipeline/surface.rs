@@ -19,7 +19,7 @@ pub(super) const STAGE: &str = "extracting the surface";
 /// Where labels come from, and what decides the position of crossings.
 pub(super) enum Crossings<'a> {
     /// A classified volume: thresholds.
-    Thresholds { store: LabelStore, materials: &'a MaterialTable },
+    Thresholds { store: Box<LabelStore>, materials: &'a MaterialTable },
     /// The samples are labels: midpoints.
     Midpoints { ids: &'a KnownLabels },
 }
