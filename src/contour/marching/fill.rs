@@ -144,7 +144,8 @@ fn put_nodes<C: CrossingRule>(
 #[inline]
 fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
     // The padded lattice begins one voxel before the volume.
-    std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a])
+    // From 32 bits it is one instruction, from 64 unsigned ones it is not.
+    std::array::from_fn(|a| low[a] as i32 as f32 - 1.0 + offset[a])
 }
 
 /// Numbers of the vertices around the next active cell of a row of cells. They are carried along: the
@@ -266,7 +267,7 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
     }
 
     /// The triangles of a cell with two materials: all have the same pair.
-    #[inline]
+    #[inline(always)]
     fn put_two_materials(&mut self, corners: Corners, summary: &PackedEntry, ids: &[u32; CELL_VERTICES]) {
         let other = corners.differing().0.trailing_zeros() as usize;
         let sides = [corners.code(0), corners.code(other)].map(|c| self.job.labels.material_of_code(c));
