@@ -215,6 +215,7 @@ impl LabelVolume {
 
     /// The material of a code.
     #[must_use]
+    #[inline]
     pub fn material_of_code(&self, code: u8) -> MaterialId {
         if usize::from(code) == self.materials { MaterialId::OUTSIDE } else { MaterialId(code) }
     }

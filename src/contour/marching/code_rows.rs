@@ -29,7 +29,7 @@ impl<'a> CodeRow<'a> {
 
     /// The words of plane `p`.
     #[inline]
-    fn plane(&self, p: usize) -> &'a [u64] {
+    pub(super) fn plane(&self, p: usize) -> &'a [u64] {
         &self.data[p * self.stride..p * self.stride + self.words]
     }
 
@@ -45,31 +45,34 @@ impl<'a> CodeRow<'a> {
         shifted(self.plane(p), w)
     }
 
-    /// Code bits `p` of the points from `half` half words on.
+    /// Word `w` of every plane; there are no more than `P`.
     #[inline]
-    pub(super) fn half_word(&self, p: usize, half: usize) -> u64 {
-        let row = self.plane(p);
-        let (w, odd) = (half / 2, half % 2);
-        if odd == 0 { row[w] } else { row[w] >> (WORD / 2) | row.get(w + 1).map_or(0, |n| n << (WORD / 2)) }
-    }
-
-    /// Word `w` of every plane.
-    #[inline]
-    pub(super) fn words(&self, w: usize) -> [u64; MAX_PLANES] {
-        std::array::from_fn(|p| if p < self.count { self.word(p, w) } else { 0 })
+    pub(super) fn words<const P: usize>(&self, w: usize) -> [u64; P] {
+        let mut words = [0; P];
+        words.iter_mut().enumerate().take(self.count).for_each(|(p, word)| *word = self.word(p, w));
+        words
     }
 
     /// The words of every plane for the points after those of word `w`.
     #[inline]
-    pub(super) fn next_words(&self, w: usize) -> [u64; MAX_PLANES] {
-        std::array::from_fn(|p| if p < self.count { self.next(p, w) } else { 0 })
+    pub(super) fn next_words<const P: usize>(&self, w: usize) -> [u64; P] {
+        let mut words = [0; P];
+        words.iter_mut().enumerate().take(self.count).for_each(|(p, word)| *word = self.next(p, w));
+        words
     }
+}
 
-    /// The code at a bit of such words.
-    #[inline]
-    pub(super) fn code(&self, words: &[u64; MAX_PLANES], bit: usize) -> u8 {
-        words[..self.count].iter().rev().fold(0, |code, word| code << 1 | (word >> bit & 1) as u8)
-    }
+/// The code at a bit of the words of every plane.
+#[inline]
+pub(super) fn code<const P: usize>(words: &[u64; P], bit: usize) -> u8 {
+    words.iter().rev().fold(0, |code, word| code << 1 | (word >> bit & 1) as u8)
+}
+
+/// Half word `half` of a row and the one behind it.
+#[inline]
+pub(super) fn half_word(row: &[u64], half: usize) -> u64 {
+    let (w, odd) = (half / 2, half % 2);
+    if odd == 0 { row[w] } else { row[w] >> (WORD / 2) | row.get(w + 1).map_or(0, |n| n << (WORD / 2)) }
 }
 
 /// Word `w` of a row, moved down by one point.
@@ -118,7 +121,11 @@ impl<'a> CodeSlice<'a> {
     #[inline(always)]
     pub(super) fn next_block(&self, p: usize, i: usize) -> Block {
         let (here, next) = (self.block(p, i), self.block(p, i + 1));
-        std::array::from_fn(|k| here[k] >> 1 | next[k] << (WORD - 1))
+        let mut block = [0; BLOCK];
+        for k in 0..BLOCK {
+            block[k] = here[k] >> 1 | next[k] << (WORD - 1);
+        }
+        block
     }
 }
 
@@ -145,12 +152,13 @@ pub(super) fn crossed(
             some[1][k] |= b[k];
         }
     }
-    match border {
-        Border::Open => std::array::from_fn(|k| differ[k] & !(out[0][k] | out[1][k])),
-        Border::Closed => {
-            std::array::from_fn(|k| differ[k] & !(!some[0][k] & out[1][k] | out[0][k] & !some[1][k]))
-        }
+    for k in 0..BLOCK {
+        differ[k] &= match border {
+            Border::Open => !(out[0][k] | out[1][k]),
+            Border::Closed => !(!some[0][k] & out[1][k] | out[0][k] & !some[1][k]),
+        };
     }
+    differ
 }
 
 /// The faces that have a node: three or four materials in a star. `ring` gives the words of code plane p
@@ -169,10 +177,12 @@ pub(super) fn starred(planes: usize, ring: impl Fn(usize) -> [Block; 4]) -> Bloc
             diagonals[1][k] |= b[k] ^ d[k];
         }
     }
-    std::array::from_fn(|k| {
+    let mut stars = [0; BLOCK];
+    for (k, star) in stars.iter_mut().enumerate() {
         let (both, other_both) = (sides[0][k] & sides[1][k], sides[2][k] & sides[3][k]);
         let (one, other_one) = (sides[0][k] ^ sides[1][k], sides[2][k] ^ sides[3][k]);
         // Three sides crossed, or four with different materials across both diagonals.
-        both & other_one | other_both & one | both & other_both & diagonals[0][k] & diagonals[1][k]
-    })
+        *star = both & other_one | other_both & one | both & other_both & diagonals[0][k] & diagonals[1][k];
+    }
+    stars
 }

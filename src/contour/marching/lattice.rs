@@ -93,10 +93,15 @@ impl Between {
 #[inline(always)]
 fn by_blocks(words: usize, rows: usize, used: usize, block: impl Fn(usize) -> Block) -> BitRows {
     BitRows::new(words, rows, |bits| {
-        let (whole, rest) = bits[..used * words].as_chunks_mut();
-        whole.iter_mut().enumerate().for_each(|(i, out)| *out = block(i * BLOCK));
-        let last = block(whole.len() * BLOCK);
-        rest.iter_mut().zip(last).for_each(|(out, word)| *out = word);
+        let bits = &mut bits[..used * words];
+        for i in (0..bits.len()).step_by(BLOCK) {
+            let made = block(i);
+            let rest = &mut bits[i..];
+            match rest.first_chunk_mut() {
+                Some(out) => *out = made,
+                None => rest.iter_mut().zip(made).for_each(|(out, word)| *out = word),
+            }
+        }
     })
 }
 
@@ -110,6 +115,7 @@ pub(super) struct Layer<'a> {
 
 impl Layer<'_> {
     /// The cells of row `y` that have a crossing, word by word.
+    #[inline]
     pub(super) fn active(&self, y: usize, words: &mut Vec<u64>) {
         let (lower, upper, up) = (&self.lower.edges, &self.upper.edges, &self.between.edges);
         words.clear();
