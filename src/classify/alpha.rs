@@ -85,7 +85,7 @@ pub(super) fn at_least_word<S: Sample>(row: &[S], w: usize, threshold: f32) -> u
 
 /// The low bits of 64 bytes, packed.
 #[inline(always)]
-fn pack(flags: &[u8; WORD]) -> u64 {
+pub(super) fn pack(flags: &[u8; WORD]) -> u64 {
     // Multiplying eight 0/1 bytes by this constant gathers them, in order, in the top byte.
     const GATHER: u64 = 0x0102_0408_1020_4080;
     let mut out = 0;

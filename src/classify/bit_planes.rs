@@ -155,12 +155,19 @@ impl BitPlanes {
     /// Fills the slices of voxels that are held (none of `OUTSIDE`) in parallel: `fill(z, slice)`
     /// gets the padded z and the words of all planes of that slice, plane by plane, row by row.
     pub fn fill_slices(&mut self, fill: impl Fn(usize, SliceMut<'_>) + Sync) {
-        let (rows, words, first) = (self.padded[1], self.words, self.first);
-        let (inner, slice) = (self.voxel_slices(), self.slice_words());
-        self.data.par_chunks_mut(slice).enumerate().for_each(|(i, data)| {
-            if inner.contains(&(first + i)) {
-                fill(first + i, SliceMut { rows, words, data });
+        let inner = self.voxel_slices();
+        self.fill_all_slices(|z, slice| {
+            if inner.contains(&z) {
+                fill(z, slice);
             }
+        });
+    }
+
+    /// Fills all slices that are held, in the same way.
+    pub(super) fn fill_all_slices(&mut self, fill: impl Fn(usize, SliceMut<'_>) + Sync) {
+        let (rows, words, first, slice) = (self.padded[1], self.words, self.first, self.slice_words());
+        self.data.par_chunks_mut(slice).enumerate().for_each(|(i, data)| {
+            fill(first + i, SliceMut { rows, words, data });
         });
     }
 

@@ -9,10 +9,10 @@ use std::ops::Range;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::alpha::at_least_word;
+use super::alpha::{at_least_word, pack};
 use super::bit_planes::{BitPlanes, WORD};
 use super::error::ClassifyError;
-use super::label_ids::{KnownLabels, LabelIds};
+use super::label_ids::{KnownLabels, LabelIds, note};
 use crate::grid::MaterialId;
 use crate::volume::{Sample, Slab};
 
@@ -124,16 +124,27 @@ impl LabelVolume {
         let size = slab.size();
         let mut out = Self::all_outside(size, known.labels().len(), slices);
         let bits = out.codes.count();
+        let masks: Vec<u64> = (0..out.codes.words()).map(|w| out.codes.voxel_mask(w)).collect();
+        let arch = pulp::Arch::new();
         out.codes.fill_slices(|z, mut slice| {
+            let mut coder = Coder { known, seen: Vec::new() };
             for y in 1..=size[1] {
-                let mut x = 1;
-                for run in slab.row(y - 1, z - 1).chunk_by(|a, b| a == b) {
-                    let code = known.id(run[0].to_f32());
-                    for p in 0..bits {
-                        set_range(slice.row(p, y), x..x + run.len(), code >> p & 1 == 1);
+                let row = slab.row(y - 1, z - 1);
+                arch.dispatch(|| {
+                    for (w, &voxels) in masks.iter().enumerate() {
+                        // Padded point p is sample p - 1; the first voxel of the first word is bit 1.
+                        let block = if w == 0 {
+                            block_of(row, 1)
+                        } else {
+                            block_of(&row[(w * WORD - 1).min(row.len())..], 0)
+                        };
+                        let codes = coder.codes(&block);
+                        for p in 0..bits {
+                            let word = &mut slice.row(p, y)[w];
+                            *word = *word & !voxels | bits_of(&codes, p) & voxels;
+                        }
                     }
-                    x += run.len();
-                }
+                });
             }
         });
         out
@@ -198,21 +209,17 @@ impl LabelVolume {
 
     fn all_outside(size: [usize; 3], materials: usize, slices: Range<usize>) -> Self {
         let bits = code_bits(materials);
-        let mut codes = BitPlanes::window(size, bits, slices.clone());
+        let mut codes = BitPlanes::window(size, bits, slices);
         let padded = codes.padded();
-        for p in (0..bits).filter(|p| materials >> p & 1 == 1) {
-            for z in slices.clone() {
-                for y in 0..padded[1] {
-                    let words = codes.words();
-                    for (w, word) in codes.row_mut(p, y, z).iter_mut().enumerate() {
-                        // Bits beyond the padded row stay zero in every plane: code 0 on both
-                        // sides of any comparison made there.
-                        let end = padded[0] - w * WORD;
-                        *word = if w + 1 < words || end >= WORD { u64::MAX } else { (1 << end) - 1 };
-                    }
-                }
+        // Bits beyond the padded row stay zero in every plane: code 0 on both sides of any comparison
+        // made there.
+        let ends = (0..codes.words()).map(|w| padded[0] - w * WORD);
+        let row: Vec<u64> = ends.map(|end| u64::MAX >> WORD.saturating_sub(end)).collect();
+        codes.fill_all_slices(|_, mut slice| {
+            for p in (0..bits).filter(|p| materials >> p & 1 == 1) {
+                (0..padded[1]).for_each(|y| slice.row(p, y).copy_from_slice(&row));
             }
-        }
+        });
         Self { materials, size, codes }
     }
 
@@ -236,6 +243,7 @@ impl LabelVolume {
 
     /// The material of a code.
     #[must_use]
+    #[inline]
     pub fn material_of_code(&self, code: u8) -> MaterialId {
         if usize::from(code) == self.materials { MaterialId::OUTSIDE } else { MaterialId(code) }
     }
@@ -275,15 +283,59 @@ impl LabelVolume {
     }
 }
 
-/// Sets or clears a range of bits of a row.
-fn set_range(row: &mut [u64], range: Range<usize>, on: bool) {
-    let (first, last) = (range.start / WORD, (range.end - 1) / WORD);
-    for (w, word) in row.iter_mut().enumerate().take(last + 1).skip(first) {
-        let from = range.start.max(w * WORD) - w * WORD;
-        let to = range.end.min((w + 1) * WORD) - w * WORD;
-        let mask = (u64::MAX >> (WORD - (to - from))) << from;
-        *word = if on { *word | mask } else { *word & !mask };
+/// Finds the codes of samples, 64 at a time.
+struct Coder<'a, S> {
+    known: &'a KnownLabels,
+    /// Some of the labels that occurred, and their codes.
+    seen: Vec<(S, u8)>,
+}
+
+impl<S: Sample> Coder<'_, S> {
+    #[inline(always)]
+    fn codes(&mut self, block: &[S; WORD]) -> [u8; WORD] {
+        let mut codes = [0u8; WORD];
+        let mut found = [0u8; WORD];
+        for &(label, code) in &self.seen {
+            for ((out, found), v) in codes.iter_mut().zip(&mut found).zip(block) {
+                let same = u8::from(*v == label).wrapping_neg();
+                *out |= same & code;
+                *found |= same;
+            }
+        }
+        if found.iter().fold(u8::MAX, |all, f| all & f) == 0 {
+            self.by_runs(block, &mut codes);
+        }
+        codes
     }
+
+    fn by_runs(&mut self, block: &[S; WORD], codes: &mut [u8; WORD]) {
+        let mut rest = &mut codes[..];
+        for run in block.chunk_by(|a, b| a == b) {
+            let (label, code) = (run[0], self.known.id(run[0].to_f32()));
+            rest.split_off_mut(..run.len()).unwrap_or_default().fill(code);
+            note(&mut self.seen, label, code);
+        }
+    }
+}
+
+/// Samples from bit `from` of a word on, as many as there are; what stands elsewhere does not matter.
+#[inline(always)]
+fn block_of<S: Sample>(samples: &[S], from: usize) -> [S; WORD] {
+    if from == 0
+        && let Some(block) = samples.first_chunk()
+    {
+        return *block;
+    }
+    let n = samples.len().min(WORD - from);
+    let mut block = [samples.first().copied().unwrap_or_default(); WORD];
+    block[from..from + n].copy_from_slice(&samples[..n]);
+    block
+}
+
+/// Bit `p` of 64 bytes.
+#[inline(always)]
+fn bits_of(bytes: &[u8; WORD], p: usize) -> u64 {
+    pack(&bytes.map(|byte| byte >> p & 1))
 }
 
 #[cfg(test)]

@@ -65,6 +65,21 @@ pub fn pair<S: Sample>(
     materials: &MaterialTable,
     slices: Range<usize>,
 ) -> BitPlanes {
+    let at_least =
+        |y: usize, z: usize, w: usize, threshold: f32| at_least_word(slab.row(y - 1, z - 1), w, threshold);
+    decide_pairs(&at_least, core, alpha, ball, materials, slices)
+}
+
+/// [`pair`], of which only `at_least(y, z, w, threshold)` knows the type of samples: which of the word's
+/// voxels have at least that grey value. (Compiled once, and not for each type: it is long.)
+fn decide_pairs(
+    at_least: &(dyn Fn(usize, usize, usize, f32) -> u64 + Sync),
+    core: &BitPlanes,
+    alpha: &BitPlanes,
+    ball: &Ball,
+    materials: &MaterialTable,
+    slices: Range<usize>,
+) -> BitPlanes {
     let (size, n, words) = (alpha.size(), alpha.count(), alpha.words());
     let (near_b, near_alpha) = (Dilation::new(core, ball), Dilation::new(alpha, ball));
     let masks: Vec<u64> = (0..words).map(|w| alpha.voxel_mask(w)).collect();
@@ -116,14 +131,13 @@ pub fn pair<S: Sample>(
                     // Elsewhere it was not asked for.
                     seen.iter_mut().zip(&wanted).for_each(|(seen, wanted)| *seen &= wanted);
                 }
-                let row = slab.row(y - 1, z - 1);
                 for w in (0..words).filter(|&w| exactly_two[w] != 0) {
                     let strange = seen_alpha.chunks(words).fold(0, |any, seen| any | seen[w]);
                     let plain = exactly_two[w] & !strange;
                     for &(k1, k2, threshold) in &pairs {
                         let here = plain & seen_b[k1 * words + w] & seen_b[k2 * words + w];
                         if here != 0 {
-                            let above = at_least_word(row, w, threshold);
+                            let above = at_least(y, z, w, threshold);
                             slice.row(k1, y)[w] |= here & !above;
                             slice.row(k2, y)[w] |= here & above;
                         }

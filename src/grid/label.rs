@@ -28,6 +28,7 @@ pub struct Pair {
 impl Pair {
     /// The ordered pair of two materials; `None` if they are the same.
     #[must_use]
+    #[inline]
     pub fn new(a: MaterialId, b: MaterialId) -> Option<Self> {
         if a == b {
             return None;

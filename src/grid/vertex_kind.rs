@@ -24,6 +24,7 @@ pub enum VertexKind {
 impl VertexKind {
     /// The kind of a vertex where `materials` different materials meet (`OUTSIDE` counts as one).
     #[must_use]
+    #[inline]
     pub fn new(materials: usize, border: bool) -> Self {
         match (materials, border) {
             (0..=2, false) => Self::Interface,

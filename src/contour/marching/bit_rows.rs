@@ -11,14 +11,15 @@ pub(super) struct BitRows {
 }
 
 impl BitRows {
-    /// `rows` rows of `words` words; `fill(y, row)` writes row y, which is empty before.
-    pub(super) fn new(words: usize, rows: usize, fill: impl Fn(usize, &mut [u64])) -> Self {
+    /// `rows` rows of `words` words; `fill` writes them, one after the other, which are empty before.
+    #[inline(always)] // for the instructions of its caller
+    pub(super) fn new(words: usize, rows: usize, fill: impl FnOnce(&mut [u64])) -> Self {
         let mut bits = vec![0; words * rows];
+        fill(&mut bits);
         let mut firsts = Vec::with_capacity(rows + 1);
         let mut total = 0;
-        for (y, row) in bits.chunks_mut(words.max(1)).enumerate() {
+        for row in bits.chunks(words.max(1)) {
             firsts.push(total);
-            fill(y, row);
             total += row.iter().map(|w| w.count_ones()).sum::<u32>();
         }
         firsts.resize(rows + 1, total);
@@ -26,16 +27,19 @@ impl BitRows {
     }
 
     /// Number of set bits.
+    #[inline]
     pub(super) fn total(&self) -> u32 {
         self.firsts.last().copied().unwrap_or(0)
     }
 
     /// Number of the first set bit of row `y`, or of what would follow the last row.
+    #[inline]
     pub(super) fn first(&self, y: usize) -> u32 {
         self.firsts[y]
     }
 
     /// The words of row `y`.
+    #[inline]
     pub(super) fn row(&self, y: usize) -> &[u64] {
         &self.bits[y * self.words..(y + 1) * self.words]
     }
@@ -55,6 +59,7 @@ impl BitRows {
 }
 
 /// The positions of the set bits of a word, ascending.
+#[inline]
 pub(super) fn set_bits(mut word: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let bit = word.trailing_zeros() as usize;
@@ -71,7 +76,7 @@ mod tests {
     #[test]
     fn set_bits_are_numbered_row_by_row() {
         let words = [[0, 1 << 63], [0, 0], [0b1010, 1]];
-        let rows = BitRows::new(2, 3, |y, row| row.copy_from_slice(&words[y]));
+        let rows = BitRows::new(2, 3, |bits| bits.copy_from_slice(words.as_flattened()));
         assert_eq!(rows.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (3, 2), (64, 2)]);
         assert_eq!([0, 1, 2, 3].map(|y| rows.first(y)), [0, 1, 1, 4]);
         assert_eq!((rows.total(), rows.filled_rows().collect::<Vec<_>>()), (4, vec![0, 2]));

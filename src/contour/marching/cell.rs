@@ -17,6 +17,7 @@ pub(super) struct Cell {
 }
 
 impl Cell {
+    #[inline]
     pub(super) fn new(labels: &LabelVolume, low: [usize; 3], corners: Corners) -> Self {
         let materials = std::array::from_fn(|c| labels.material_of_code(corners.code(c)));
         Self { low, labels: materials }
@@ -50,6 +51,7 @@ impl Cell {
     }
 
     /// The materials behind and ahead of a triangle.
+    #[inline]
     pub(super) fn sides(&self, triangle: &CellTriangle) -> [MaterialId; 2] {
         [triangle.behind, triangle.ahead].map(|c| self.labels[usize::from(c)])
     }
@@ -163,6 +165,7 @@ impl Cell {
 }
 
 /// Where the crossing lies on the edge from padded point `from` along `axis`.
+#[inline]
 pub(super) fn crossing_position<C: CrossingRule>(
     rule: &C,
     from: [usize; 3],
@@ -175,6 +178,7 @@ pub(super) fn crossing_position<C: CrossingRule>(
 /// The pair of a triangle with these materials behind and ahead and whether it must be turned over to
 /// face its front, or `None` where no triangle is made: between air and `OUTSIDE`, and, with an open
 /// border, anything and `OUTSIDE`.
+#[inline]
 pub(super) fn pair_of([behind, ahead]: [MaterialId; 2], border: Border) -> Option<(Pair, bool)> {
     let pair = Pair::new(behind, ahead)?;
     let dropped = pair.front() == MaterialId::OUTSIDE

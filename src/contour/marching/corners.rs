@@ -1,6 +1,6 @@
 //! The code bits at a cell's corners, and the walk over the cells of a row that have a crossing.
 
-use super::code_rows::{CodeRow, MAX_PLANES};
+use super::code_rows::{CodeRow, MAX_PLANES, half_word};
 use crate::classify::{LabelVolume, WORD};
 
 /// Cells in a half word: the corners of so many lie in a window of one word.
@@ -63,16 +63,21 @@ fn visit<const P: usize>(
 ) {
     let planes = labels.codes().count();
     // In the order of corners: y is bit 1, z is bit 2.
-    let rows = [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]].map(|[y, z]| CodeRow::new(labels, y, z));
+    let mut rows = [[&[] as &[u64]; 4]; P];
+    for (k, [y, z]) in [[y, z], [y + 1, z], [y, z + 1], [y + 1, z + 1]].into_iter().enumerate() {
+        let row = CodeRow::new(labels, y, z);
+        rows.iter_mut().enumerate().take(planes).for_each(|(p, rows)| rows[k] = row.plane(p));
+    }
     for (w, &word) in active.iter().enumerate().filter(|(_, word)| **word != 0) {
         for half in [0, 1] {
             let mut cells = word >> (half * HALF) & u64::from(u32::MAX);
             if cells == 0 {
                 continue;
             }
-            let windows: [[u64; 4]; P] = std::array::from_fn(|p| {
-                std::array::from_fn(|k| if p < planes { rows[k].half_word(p, 2 * w + half) } else { 0 })
-            });
+            let mut windows = [[0; 4]; P];
+            for (window, rows) in windows.iter_mut().zip(&rows).take(planes) {
+                window.iter_mut().zip(rows).for_each(|(out, row)| *out = half_word(row, 2 * w + half));
+            }
             while cells != 0 {
                 let bit = cells.trailing_zeros();
                 cells &= cells - 1;

@@ -47,6 +47,7 @@ impl LayerCount {
 
 /// The table's entry for a cell, and whether it has just two materials (all its triangles are needed
 /// then, or it would not be active).
+#[inline(always)]
 fn entry<C: CrossingRule>(
     job: &Job<'_, C>,
     packed: &Packed,
@@ -57,11 +58,23 @@ fn entry<C: CrossingRule>(
     if two && let Some(entry) = packed.entry_of_mask(differing) {
         return (entry, true);
     }
+    (rare_entry(job, packed, low, corners), two)
+}
+
+/// The table's entry for a cell with more materials or an ambiguous face.
+#[inline(never)]
+fn rare_entry<C: CrossingRule>(
+    job: &Job<'_, C>,
+    packed: &Packed,
+    low: [usize; 3],
+    corners: Corners,
+) -> usize {
+    let (differing, two) = corners.differing();
     let cell = Cell::new(job.labels, low, corners);
     let partition = match corners.two_planes() {
         _ if two => job.table.partitions().index_of_mask(differing),
         Some(codes) => packed.partition_of_codes(codes),
         None => job.table.partitions().index(&cell.labels),
     };
-    (cell.entry(job.table, job.rule, partition), two)
+    cell.entry(job.table, job.rule, partition)
 }

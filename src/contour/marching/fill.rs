@@ -3,7 +3,7 @@
 use super::Job;
 use super::bit_rows::{BitRows, set_bits};
 use super::cell::{Cell, crossing_position, pair_of};
-use super::code_rows::CodeRow;
+use super::code_rows::{CodeRow, MAX_PLANES, code};
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
 use super::lattice::{Between, Layer, Plane};
@@ -99,6 +99,23 @@ fn put_crossings<C: CrossingRule>(
     out: &mut VertexSlices<'_>,
     next: &mut usize,
 ) {
+    // As for cells: loops over few planes are worth unrolling.
+    match job.labels.codes().count() {
+        0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
+        3 => put_crossings_of::<3, C>(job, edges, axis, z, out, next),
+        _ => put_crossings_of::<MAX_PLANES, C>(job, edges, axis, z, out, next),
+    }
+}
+
+/// The same for no more than `P` code planes.
+fn put_crossings_of<const P: usize, C: CrossingRule>(
+    job: &Job<'_, C>,
+    edges: &BitRows,
+    axis: usize,
+    z: usize,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
     let end = *next + edges.total() as usize;
     let mut places = out.positions[*next..end].iter_mut().zip(&mut out.kinds[*next..end]);
     *next = end;
@@ -110,10 +127,11 @@ fn put_crossings<C: CrossingRule>(
             _ => CodeRow::new(job.labels, y, z + 1),
         };
         for (w, &word) in edges.row(y).iter().enumerate().filter(|(_, word)| **word != 0) {
-            let (near, far) = (here.words(w), if axis == 0 { here.next_words(w) } else { there.words(w) });
+            let (near, far) =
+                (here.words::<P>(w), if axis == 0 { here.next_words(w) } else { there.words(w) });
             for (bit, (position, kind)) in set_bits(word).zip(&mut places) {
                 let from = [WORD * w + bit, y, z];
-                let ends = [&near, &far].map(|words| job.labels.material_of_code(here.code(words, bit)));
+                let ends = [&near, &far].map(|words| job.labels.material_of_code(code(words, bit)));
                 let mut offset = [0.0; 3];
                 offset[axis] = crossing_position(job.rule, from, axis, ends);
                 *position = place(from, offset);
@@ -144,7 +162,8 @@ fn put_nodes<C: CrossingRule>(
 #[inline]
 fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
     // The padded lattice begins one voxel before the volume.
-    std::array::from_fn(|a| low[a] as f32 - 1.0 + offset[a])
+    // From 32 bits it is one instruction, from 64 unsigned ones it is not.
+    std::array::from_fn(|a| low[a] as i32 as f32 - 1.0 + offset[a])
 }
 
 /// Numbers of the vertices around the next active cell of a row of cells. They are carried along: the
@@ -266,7 +285,7 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
     }
 
     /// The triangles of a cell with two materials: all have the same pair.
-    #[inline]
+    #[inline(always)]
     fn put_two_materials(&mut self, corners: Corners, summary: &PackedEntry, ids: &[u32; CELL_VERTICES]) {
         let other = corners.differing().0.trailing_zeros() as usize;
         let sides = [corners.code(0), corners.code(other)].map(|c| self.job.labels.material_of_code(c));

@@ -4,7 +4,7 @@
 //! sides, and the pieces on both sides of a seam, number them alike.
 
 use super::bit_rows::BitRows;
-use super::code_rows::{CodeRow, crossed, shifted, starred};
+use super::code_rows::{BLOCK, Block, CodeSlice, crossed, shifted, starred};
 use crate::classify::LabelVolume;
 use crate::contour::patch::Border;
 
@@ -20,28 +20,26 @@ pub(super) struct Plane {
 
 impl Plane {
     pub(super) fn new(labels: &LabelVolume, border: Border, z: usize) -> Self {
+        // Wide instructions, and one that counts bits, where the processor has them.
+        pulp::Arch::new().dispatch(|| Self::make(labels, border, z))
+    }
+
+    #[inline(always)]
+    fn make(labels: &LabelVolume, border: Border, z: usize) -> Self {
         let (codes, outside) = (labels.codes(), labels.materials());
         let (rows, words, planes) = (codes.padded()[1], codes.words(), codes.count());
-        let row = |y: usize| CodeRow::new(labels, y, z);
-        let x_edges = by_rows(words, rows, rows, row, |a, w| {
-            crossed(planes, outside, border, |p| [a.word(p, w), a.next(p, w)])
+        let at = CodeSlice::new(labels, z);
+        let x_edges = by_blocks(words, rows, rows, |i| {
+            crossed(planes, outside, border, |p| [at.block(p, i), at.next_block(p, i)])
         });
-        let two_rows = |y: usize| [row(y), row(y + 1)];
-        let y_edges = by_rows(words, rows, rows - 1, two_rows, |[a, b], w| {
-            crossed(planes, outside, border, |p| [a.word(p, w), b.word(p, w)])
+        let y_edges = by_blocks(words, rows, rows - 1, |i| {
+            crossed(planes, outside, border, |p| [at.block(p, i), at.block(p, i + words)])
         });
-        let nodes = BitRows::new(words, rows, |y, out| {
-            if y + 1 == rows {
-                return;
-            }
-            let [a, b] = two_rows(y);
-            // At least one side of a star is a crossing that is needed.
-            let (x, x_above, sides) = (x_edges.row(y), x_edges.row(y + 1), y_edges.row(y));
-            for (w, out) in out.iter_mut().enumerate() {
-                if x[w] | x_above[w] | sides[w] | shifted(sides, w) != 0 {
-                    *out = starred(planes, |p| [a.word(p, w), a.next(p, w), b.next(p, w), b.word(p, w)]);
-                }
-            }
+        let nodes = by_blocks(words, rows, rows - 1, |i| {
+            let above = i + words;
+            starred(planes, |p| {
+                [at.block(p, i), at.next_block(p, i), at.next_block(p, above), at.block(p, above)]
+            })
         });
         Self { z, edges: [x_edges, y_edges], nodes }
     }
@@ -64,18 +62,23 @@ pub(super) struct Between {
 
 impl Between {
     pub(super) fn new(labels: &LabelVolume, border: Border, z: usize) -> Self {
+        pulp::Arch::new().dispatch(|| Self::make(labels, border, z))
+    }
+
+    #[inline(always)]
+    fn make(labels: &LabelVolume, border: Border, z: usize) -> Self {
         let (codes, outside) = (labels.codes(), labels.materials());
         let (rows, words, planes) = (codes.padded()[1], codes.words(), codes.count());
-        let row = |y: usize| [CodeRow::new(labels, y, z), CodeRow::new(labels, y, z + 1)];
-        let edges = by_rows(words, rows, rows, row, |[a, b], w| {
-            crossed(planes, outside, border, |p| [a.word(p, w), b.word(p, w)])
+        let [low, up] = [z, z + 1].map(|z| CodeSlice::new(labels, z));
+        let edges = by_blocks(words, rows, rows, |i| {
+            crossed(planes, outside, border, |p| [low.block(p, i), up.block(p, i)])
         });
-        let two_rows = |y: usize| [row(y), row(y + 1)];
-        let x_nodes = by_rows(words, rows, rows - 1, two_rows, |[[a, d], [b, c]], w| {
-            starred(planes, |p| [a.word(p, w), b.word(p, w), c.word(p, w), d.word(p, w)])
+        let x_nodes = by_blocks(words, rows, rows - 1, |i| {
+            let next = i + words;
+            starred(planes, |p| [low.block(p, i), up.block(p, i), up.block(p, next), low.block(p, next)])
         });
-        let y_nodes = by_rows(words, rows, rows, row, |[a, b], w| {
-            starred(planes, |p| [a.word(p, w), a.next(p, w), b.next(p, w), b.word(p, w)])
+        let y_nodes = by_blocks(words, rows, rows, |i| {
+            starred(planes, |p| [low.block(p, i), low.next_block(p, i), up.next_block(p, i), up.block(p, i)])
         });
         Self { z, edges, nodes: [x_nodes, y_nodes] }
     }
@@ -86,18 +89,18 @@ impl Between {
     }
 }
 
-/// Bits made row by row from what `row` finds for each of the first `used` rows; the others are empty.
-fn by_rows<R>(
-    words: usize,
-    rows: usize,
-    used: usize,
-    row: impl Fn(usize) -> R,
-    word: impl Fn(&R, usize) -> u64,
-) -> BitRows {
-    BitRows::new(words, rows, |y, out| {
-        if y < used {
-            let row = row(y);
-            out.iter_mut().enumerate().for_each(|(w, out)| *out = word(&row, w));
+/// Bits of the first `used` rows; `block` makes the words from a given one on. Other rows are empty.
+#[inline(always)]
+fn by_blocks(words: usize, rows: usize, used: usize, block: impl Fn(usize) -> Block) -> BitRows {
+    BitRows::new(words, rows, |bits| {
+        let bits = &mut bits[..used * words];
+        for i in (0..bits.len()).step_by(BLOCK) {
+            let made = block(i);
+            let rest = &mut bits[i..];
+            match rest.first_chunk_mut() {
+                Some(out) => *out = made,
+                None => rest.iter_mut().zip(made).for_each(|(out, word)| *out = word),
+            }
         }
     })
 }
@@ -112,6 +115,7 @@ pub(super) struct Layer<'a> {
 
 impl Layer<'_> {
     /// The cells of row `y` that have a crossing, word by word.
+    #[inline]
     pub(super) fn active(&self, y: usize, words: &mut Vec<u64>) {
         let (lower, upper, up) = (&self.lower.edges, &self.upper.edges, &self.between.edges);
         words.clear();

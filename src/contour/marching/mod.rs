@@ -20,6 +20,7 @@ mod pieces;
 
 use std::ops::Range;
 
+use rayon::iter::repeat_n;
 use rayon::prelude::*;
 
 use super::crossing::CrossingRule;
@@ -97,9 +98,10 @@ impl<C: CrossingRule> Job<'_, C> {
         let any_pair = Pair::new(MaterialId(1), MaterialId::BACKGROUND);
         let mut patch = Patch {
             positions: vec![[0.0; 3]; vertices],
-            kinds: vec![VertexKind::Interface; vertices],
+            // By all threads: these two are not zeros, which cost nothing before they are written.
+            kinds: repeat_n(VertexKind::Interface, vertices).collect(),
             triangles: vec![[0; 3]; triangles],
-            pairs: any_pair.map_or_else(Vec::new, |pair| vec![pair; triangles]),
+            pairs: any_pair.map_or_else(Vec::new, |pair| repeat_n(pair, triangles).collect()),
         };
         let mut rest = LayerSlices {
             first_vertex: 0,

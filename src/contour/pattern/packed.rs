@@ -96,12 +96,14 @@ impl Packed {
 
     /// An entry.
     #[must_use]
+    #[inline]
     pub fn entry(&self, entry: usize) -> PackedEntry {
         self.entries[entry]
     }
 
     /// The triangles of an entry.
     #[must_use]
+    #[inline]
     pub fn triangles(&self, entry: &PackedEntry) -> &[CellTriangle] {
         let first = entry.first_triangle as usize;
         &self.triangles[first..first + usize::from(entry.triangles)]
@@ -110,6 +112,7 @@ impl Packed {
     /// The entry of a cell with two materials, by the corners that differ from corner 0; `None` if it
     /// depends on ambiguous faces.
     #[must_use]
+    #[inline]
     pub fn entry_of_mask(&self, differing: u8) -> Option<usize> {
         let entry = self.by_mask[usize::from(differing >> 1)];
         (entry != Self::UNDECIDED).then_some(usize::from(entry))
@@ -118,6 +121,7 @@ impl Packed {
     /// The partition of eight codes of two bits: bit c of `codes` is the low bit of the code at corner
     /// c, bit c + 8 the high bit.
     #[must_use]
+    #[inline]
     pub fn partition_of_codes(&self, codes: usize) -> usize {
         usize::from(self.by_codes[codes & 0xFFFF])
     }
