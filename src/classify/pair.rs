@@ -31,25 +31,28 @@ pub fn core(alpha: &BitPlanes, ball: &Ball, slices: Range<usize>) -> BitPlanes {
         // Classes seen at all, and classes seen at least twice, in the ball.
         let mut one = vec![0; words];
         let mut two = vec![0; words];
-        arch.dispatch(|| {
-            for y in 1..=size[1] {
-                one.fill(0);
-                two.fill(0);
-                for i in 0..n {
-                    near.row(i, y, z, &all, &mut seen);
-                    for ((one, two), seen) in one.iter_mut().zip(&mut two).zip(&seen) {
-                        *two |= *one & seen;
-                        *one |= seen;
+        arch.dispatch(
+            #[inline(always)]
+            || {
+                for y in 1..=size[1] {
+                    one.fill(0);
+                    two.fill(0);
+                    for i in 0..n {
+                        near.row(i, y, z, &all, &mut seen);
+                        for ((one, two), seen) in one.iter_mut().zip(&mut two).zip(&seen) {
+                            *two |= *one & seen;
+                            *one |= seen;
+                        }
+                    }
+                    for i in 0..n {
+                        let own = alpha.row(i, y, z);
+                        for ((out, own), two) in slice.row(i, y).iter_mut().zip(own).zip(&two) {
+                            *out = own & !two;
+                        }
                     }
                 }
-                for i in 0..n {
-                    let own = alpha.row(i, y, z);
-                    for ((out, own), two) in slice.row(i, y).iter_mut().zip(own).zip(&two) {
-                        *out = own & !two;
-                    }
-                }
-            }
-        });
+            },
+        );
     });
     core
 }
@@ -95,56 +98,59 @@ fn decide_pairs(
         let (mut open, mut wanted, mut exactly_two) = (empty(), empty(), empty());
         let mut seen_b = vec![0u64; n * words];
         let mut seen_alpha = vec![0u64; n * words];
-        arch.dispatch(|| {
-            for y in 1..=size[1] {
-                open.copy_from_slice(&masks);
-                for i in 0..n {
-                    let certain = core.row(i, y, z);
-                    slice.row(i, y).copy_from_slice(certain);
-                    open.iter_mut().zip(certain).for_each(|(open, certain)| *open &= !certain);
-                }
-                if open.iter().all(|&w| w == 0) {
-                    continue;
-                }
-                for (i, seen) in seen_b.chunks_mut(words).enumerate() {
-                    near_b.row(i, y, z, &open, seen);
-                }
-                for (w, exact) in exactly_two.iter_mut().enumerate() {
-                    let (mut one, mut two, mut three) = (0, 0, 0);
-                    for seen in seen_b.chunks(words).map(|seen| seen[w]) {
-                        three |= two & seen;
-                        two |= one & seen;
-                        one |= seen;
+        arch.dispatch(
+            #[inline(always)]
+            || {
+                for y in 1..=size[1] {
+                    open.copy_from_slice(&masks);
+                    for i in 0..n {
+                        let certain = core.row(i, y, z);
+                        slice.row(i, y).copy_from_slice(certain);
+                        open.iter_mut().zip(certain).for_each(|(open, certain)| *open &= !certain);
                     }
-                    *exact = open[w] & two & !three;
-                }
-                for j in 0..n {
-                    // Of class j it matters only where it lies outside of k1..=k2.
-                    let (below, above) = seen_b.split_at(j * words);
-                    for (w, wanted) in wanted.iter_mut().enumerate() {
-                        let lower = twice(below.chunks(words).map(|seen| seen[w]));
-                        let higher = twice(above.chunks(words).skip(1).map(|seen| seen[w]));
-                        *wanted = exactly_two[w] & (lower | higher);
+                    if open.iter().all(|&w| w == 0) {
+                        continue;
                     }
-                    let seen = &mut seen_alpha[j * words..(j + 1) * words];
-                    near_alpha.row(j, y, z, &wanted, seen);
-                    // Elsewhere it was not asked for.
-                    seen.iter_mut().zip(&wanted).for_each(|(seen, wanted)| *seen &= wanted);
-                }
-                for w in (0..words).filter(|&w| exactly_two[w] != 0) {
-                    let strange = seen_alpha.chunks(words).fold(0, |any, seen| any | seen[w]);
-                    let plain = exactly_two[w] & !strange;
-                    for &(k1, k2, threshold) in &pairs {
-                        let here = plain & seen_b[k1 * words + w] & seen_b[k2 * words + w];
-                        if here != 0 {
-                            let above = at_least(y, z, w, threshold);
-                            slice.row(k1, y)[w] |= here & !above;
-                            slice.row(k2, y)[w] |= here & above;
+                    for (i, seen) in seen_b.chunks_mut(words).enumerate() {
+                        near_b.row(i, y, z, &open, seen);
+                    }
+                    for (w, exact) in exactly_two.iter_mut().enumerate() {
+                        let (mut one, mut two, mut three) = (0, 0, 0);
+                        for seen in seen_b.chunks(words).map(|seen| seen[w]) {
+                            three |= two & seen;
+                            two |= one & seen;
+                            one |= seen;
+                        }
+                        *exact = open[w] & two & !three;
+                    }
+                    for j in 0..n {
+                        // Of class j it matters only where it lies outside of k1..=k2.
+                        let (below, above) = seen_b.split_at(j * words);
+                        for (w, wanted) in wanted.iter_mut().enumerate() {
+                            let lower = twice(below.chunks(words).map(|seen| seen[w]));
+                            let higher = twice(above.chunks(words).skip(1).map(|seen| seen[w]));
+                            *wanted = exactly_two[w] & (lower | higher);
+                        }
+                        let seen = &mut seen_alpha[j * words..(j + 1) * words];
+                        near_alpha.row(j, y, z, &wanted, seen);
+                        // Elsewhere it was not asked for.
+                        seen.iter_mut().zip(&wanted).for_each(|(seen, wanted)| *seen &= wanted);
+                    }
+                    for w in (0..words).filter(|&w| exactly_two[w] != 0) {
+                        let strange = seen_alpha.chunks(words).fold(0, |any, seen| any | seen[w]);
+                        let plain = exactly_two[w] & !strange;
+                        for &(k1, k2, threshold) in &pairs {
+                            let here = plain & seen_b[k1 * words + w] & seen_b[k2 * words + w];
+                            if here != 0 {
+                                let above = at_least(y, z, w, threshold);
+                                slice.row(k1, y)[w] |= here & !above;
+                                slice.row(k2, y)[w] |= here & above;
+                            }
                         }
                     }
                 }
-            }
-        });
+            },
+        );
     });
     b
 }

@@ -1,4 +1,4 @@
-//! Classification slab by slab: the same labels and counts as [`classify`](super::classify), in the
+//! Classification slab by slab: the same labels and counts as [`classify`], in the
 //! memory of one slab.
 //!
 //! The first sweep decides each slice once (alpha, core, pair) and takes `steps` steps of thinning

@@ -7,7 +7,7 @@ use crate::grid::{MaterialId, VertexKind};
 
 /// What a piece of mesh adds to a shell.
 ///
-/// Put behind each other these are exactly what [`super::split`] gives for the whole mesh.
+/// Put behind each other these are exactly what [`super::split()`] gives for the whole mesh.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ShellPiece {
     /// Positions of the vertices it adds: world, mm.
