@@ -18,7 +18,7 @@ const BASE: u64 = 48 << 20;
 /// Bytes that a triangle of a piece takes while it is made: vertices and triangle in lattice units.
 const MADE: u64 = 24;
 /// Bytes that a triangle of a piece takes while it is checked, measured, split and written.
-const USED: u64 = 360;
+const USED: u64 = 240;
 /// Triangles of a piece where memory is no matter: enough to keep many threads busy.
 const PIECE: usize = 1 << 19;
 /// Pieces are not made smaller than this: each costs some layers looked at twice.
@@ -55,9 +55,11 @@ impl MemoryPlan {
         plan
     }
 
-    /// Bytes for the pieces under way.
+    /// Bytes for the pieces under way. A piece has a layer at least, and the layers at the volume's first and
+    /// last slice may have two triangles for each voxel of it, where material meets the border.
     fn pieces(&self) -> u64 {
-        self.piece as u64 * (MADE * rayon::current_num_threads() as u64 + USED)
+        let layer = 2 * self.size[0] as u64 * self.size[1] as u64;
+        (self.piece as u64).max(layer) * USED + self.piece as u64 * MADE * rayon::current_num_threads() as u64
     }
 
     /// Refuses a budget that is certainly too small, for about `materials` materials, passes with `halo`
