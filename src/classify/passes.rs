@@ -36,13 +36,14 @@ impl<'a> Passes<'a> {
     /// For a volume of `size` voxels and blur radius `radius` (R, in voxels per axis).
     #[must_use]
     pub fn new(size: [usize; 3], materials: &'a MaterialTable, radius: [f64; 3]) -> Self {
-        Self { materials, size, core: Ball::new(radius), pair: Ball::new(radius.map(|r| 2.0 * r)) }
+        let [core, pair] = balls(radius);
+        Self { materials, size, core, pair }
     }
 
     /// How many slices of samples the passes read beyond those that they decide.
     #[must_use]
     pub fn halo(&self) -> usize {
-        self.core.reach()[2] + self.pair.reach()[2]
+        slices_read(&self.core, &self.pair)
     }
 
     /// The slices of samples (unpadded) that the padded slices `slices` need.
@@ -73,5 +74,15 @@ impl<'a> Passes<'a> {
 /// those that they decide.
 #[must_use]
 pub fn halo(radius: [f64; 3]) -> usize {
-    Ball::new(radius).reach()[2] + Ball::new(radius.map(|r| 2.0 * r)).reach()[2]
+    let [core, pair] = balls(radius);
+    slices_read(&core, &pair)
+}
+
+/// The balls of the core pass (R) and of the pair pass (2R).
+fn balls(radius: [f64; 3]) -> [Ball; 2] {
+    [Ball::new(radius), Ball::new(radius.map(|r| 2.0 * r))]
+}
+
+fn slices_read(core: &Ball, pair: &Ball) -> usize {
+    core.reach()[2] + pair.reach()[2]
 }

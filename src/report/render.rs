@@ -6,8 +6,6 @@
 //! into pieces. A mesh at hand is drawn band after band, with the memory of a few bands; one
 //! in pieces is drawn into all bands at once, with the memory of these and of a piece.
 
-use std::path::Path;
-
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -19,7 +17,7 @@ use super::piece_edges::PieceEdges;
 use super::view::{View, is_shown};
 use super::{Background, Palette, Picture, PictureError};
 use crate::execution::Execution;
-use crate::export::{PlyPieces, ReadOptions};
+use crate::export::PlyPieces;
 use crate::grid::MaterialId;
 use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
 
@@ -178,14 +176,13 @@ pub fn render_pieces(
 /// Draws the mesh of a PLY file that this program wrote, without holding it; see [`render_pieces`].
 ///
 /// # Errors
-/// As [`render()`], and [`PictureError::Export`] for a file that cannot be read or is of another layout,
+/// As [`render()`], and [`PictureError::Export`] for a file that cannot be read,
 /// [`PictureError::Cancelled`].
 pub fn render_ply(
-    path: &Path,
+    pieces: &PlyPieces,
     options: &RenderOptions,
     execution: &Execution,
 ) -> Result<Picture, PictureError> {
-    let pieces = PlyPieces::open(path, &ReadOptions::default())?;
     let replay = |take: &mut dyn FnMut(&MeshPiece) -> Result<(), PictureError>| {
         pieces.each(|piece| {
             execution.check()?;

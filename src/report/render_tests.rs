@@ -246,7 +246,8 @@ fn a_mesh_in_pieces_gives_the_same_picture_as_the_whole_one() {
                 };
                 assert!(render_pieces(mesh.materials(), replay, &options).unwrap() == whole);
             }
-            assert!(render_ply(&path, &options, &Execution::default()).unwrap() == whole);
+            let pieces = PlyPieces::open(&path, &crate::export::ReadOptions::default()).unwrap();
+            assert!(render_ply(&pieces, &options, &Execution::default()).unwrap() == whole);
         }
     }
 }

@@ -101,16 +101,20 @@ impl<'a> ResultWriter<'a> {
         self.execution.check()?;
         let shells = self.folder.join("materials");
         std::fs::create_dir(&shells).map_err(|e| ExportError::writing(&shells, e))?;
-        if triangles > 0 {
-            let pieces = PlyPieces::open(&assembly, &ReadOptions::default())?;
-            write_shells(&pieces, &shells, ply, self.execution)?;
+        // Opened once: finding out where pieces begin takes a look at all faces.
+        let pieces = match triangles {
+            0 => None,
+            _ => Some(PlyPieces::open(&assembly, &ReadOptions::default())?),
+        };
+        if let Some(pieces) = &pieces {
+            write_shells(pieces, &shells, ply, self.execution)?;
         }
         stage.advance(1);
         let vertices = &mesh.junctions.vertices;
         write_curves(&self.folder.join("junctions.vtk"), |v| vertices.position(v), &mesh.junctions.curves)?;
         stage.advance(1);
-        if triangles > 0 {
-            let picture = render_ply(&assembly, &RenderOptions::default(), self.execution)?;
+        if let Some(pieces) = &pieces {
+            let picture = render_ply(pieces, &RenderOptions::default(), self.execution)?;
             picture.save_png(&self.folder.join("preview.png"))?;
         }
         stage.advance(1);
