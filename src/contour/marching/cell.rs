@@ -11,14 +11,14 @@ use crate::contour::patch::Border;
 
 /// A cell, by its lowest point of the padded lattice, and the material of each corner.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Cell {
+pub(in crate::contour) struct Cell {
     pub(super) low: [usize; 3],
-    pub(super) labels: [MaterialId; CORNERS],
+    pub(in crate::contour) labels: [MaterialId; CORNERS],
 }
 
 impl Cell {
     #[inline]
-    pub(super) fn new(labels: &LabelVolume, low: [usize; 3], corners: Corners) -> Self {
+    pub(in crate::contour) fn new(labels: &LabelVolume, low: [usize; 3], corners: Corners) -> Self {
         let materials = std::array::from_fn(|c| labels.material_of_code(corners.code(c)));
         Self { low, labels: materials }
     }

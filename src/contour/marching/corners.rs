@@ -8,7 +8,7 @@ const HALF: usize = WORD / 2;
 
 /// The codes at a cell's corners: bit c of byte p is bit p of the code at corner c.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Corners {
+pub(in crate::contour) struct Corners {
     bits: [u8; MAX_PLANES],
     planes: usize,
 }

@@ -4,8 +4,9 @@ use super::Job;
 use super::cell::{Cell, pair_of};
 use super::corners::{Corners, visit_cells};
 use super::lattice::Layer;
+use crate::classify::LabelVolume;
 use crate::contour::crossing::CrossingRule;
-use crate::contour::pattern::Packed;
+use crate::contour::pattern::PatternTable;
 
 /// What a layer of cells will write.
 #[derive(Debug)]
@@ -28,7 +29,7 @@ impl LayerCount {
         for y in 0..job.labels.codes().padded()[1] - 1 {
             layer.active(y, &mut active);
             visit_cells(job.labels, [y, z], &active, |x, corners| {
-                let (entry, two) = entry(job, packed, [x, y, z], corners);
+                let (entry, two) = entry(job.labels, job.rule, job.table, [x, y, z], corners);
                 let summary = packed.entry(entry);
                 out.entries.push(entry as u16);
                 out.vertices += usize::from(summary.apexes);
@@ -48,33 +49,35 @@ impl LayerCount {
 /// The table's entry for a cell, and whether it has just two materials (all its triangles are needed
 /// then, or it would not be active).
 #[inline(always)]
-fn entry<C: CrossingRule>(
-    job: &Job<'_, C>,
-    packed: &Packed,
+pub(super) fn entry<C: CrossingRule>(
+    labels: &LabelVolume,
+    rule: &C,
+    table: &PatternTable,
     low: [usize; 3],
     corners: Corners,
 ) -> (usize, bool) {
     let (differing, two) = corners.differing();
-    if two && let Some(entry) = packed.entry_of_mask(differing) {
+    if two && let Some(entry) = table.packed().entry_of_mask(differing) {
         return (entry, true);
     }
-    (rare_entry(job, packed, low, corners), two)
+    (rare_entry(labels, rule, table, low, corners), two)
 }
 
 /// The table's entry for a cell with more materials or an ambiguous face.
 #[inline(never)]
 fn rare_entry<C: CrossingRule>(
-    job: &Job<'_, C>,
-    packed: &Packed,
+    labels: &LabelVolume,
+    rule: &C,
+    table: &PatternTable,
     low: [usize; 3],
     corners: Corners,
 ) -> usize {
     let (differing, two) = corners.differing();
-    let cell = Cell::new(job.labels, low, corners);
+    let cell = Cell::new(labels, low, corners);
     let partition = match corners.two_planes() {
-        _ if two => job.table.partitions().index_of_mask(differing),
-        Some(codes) => packed.partition_of_codes(codes),
-        None => job.table.partitions().index(&cell.labels),
+        _ if two => table.partitions().index_of_mask(differing),
+        Some(codes) => table.packed().partition_of_codes(codes),
+        None => table.partitions().index(&cell.labels),
     };
-    cell.entry(job.table, job.rule, partition)
+    cell.entry(table, rule, partition)
 }

@@ -5,8 +5,12 @@
 
 use super::bit_rows::BitRows;
 use super::code_rows::{BLOCK, Block, CodeSlice, crossed, shifted, starred};
+use super::corners::{Corners, visit_cells};
+use super::count::entry;
 use crate::classify::LabelVolume;
+use crate::contour::crossing::CrossingRule;
 use crate::contour::patch::Border;
+use crate::contour::pattern::PatternTable;
 
 /// The vertices in plane `z`, numbered in this order.
 #[derive(Debug)]
@@ -107,13 +111,37 @@ fn by_blocks(words: usize, rows: usize, used: usize, block: impl Fn(usize) -> Bl
 
 /// A layer of cells: its two planes and what is between them.
 #[derive(Clone, Copy)]
-pub(super) struct Layer<'a> {
+pub(in crate::contour) struct Layer<'a> {
     pub(super) lower: &'a Plane,
     pub(super) between: &'a Between,
     pub(super) upper: &'a Plane,
 }
 
 impl Layer<'_> {
+    /// Its number.
+    pub(in crate::contour) fn z(&self) -> usize {
+        self.lower.z
+    }
+
+    /// Calls `visit` with x, y, corners and the table's entry of each cell that has a crossing, row by row.
+    #[inline]
+    pub(in crate::contour) fn visit<C: CrossingRule>(
+        &self,
+        labels: &LabelVolume,
+        rule: &C,
+        table: &PatternTable,
+        mut visit: impl FnMut([usize; 2], Corners, usize),
+    ) {
+        let z = self.z();
+        let mut active = Vec::new();
+        for y in 0..labels.codes().padded()[1] - 1 {
+            self.active(y, &mut active);
+            visit_cells(labels, [y, z], &active, |x, corners| {
+                visit([x, y], corners, entry(labels, rule, table, [x, y, z], corners).0);
+            });
+        }
+    }
+
     /// The cells of row `y` that have a crossing, word by word.
     #[inline]
     pub(super) fn active(&self, y: usize, words: &mut Vec<u64>) {

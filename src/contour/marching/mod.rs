@@ -33,6 +33,8 @@ use crate::grid::{MaterialId, Pair, VertexKind};
 
 pub use pieces::march_pieces;
 
+pub(in crate::contour) use cell::Cell;
+
 use count::LayerCount;
 use fill::{LayerSlices, VertexSlices, fill_layer};
 use lattice::{Between, Layer, Plane};
@@ -72,9 +74,7 @@ pub fn march<C: CrossingRule>(
 impl<C: CrossingRule> Job<'_, C> {
     /// Counts what layers will write.
     fn count(&self, layers: Range<usize>, stage: &Stage<'_>) -> Result<Vec<LayerCount>, ContourError> {
-        let runs: Vec<Range<usize>> =
-            layers.clone().step_by(RUN).map(|z| z..(z + RUN).min(layers.end)).collect();
-        let counted = runs.into_par_iter().map(|run| {
+        let counted = runs(layers).into_par_iter().map(|run| {
             let mut counts = Vec::with_capacity(run.len());
             self.walk(run, stage, |layer| counts.push(LayerCount::new(self, layer)))?;
             Ok(counts)
@@ -130,19 +130,36 @@ impl<C: CrossingRule> Job<'_, C> {
         &self,
         layers: Range<usize>,
         stage: &Stage<'_>,
-        mut visit: impl FnMut(Layer<'_>),
+        visit: impl FnMut(Layer<'_>),
     ) -> Result<(), ContourError> {
-        let mut lower = Plane::new(self.labels, self.border, layers.start);
-        for z in layers {
-            self.execution.check()?;
-            let upper = Plane::new(self.labels, self.border, z + 1);
-            let between = Between::new(self.labels, self.border, z);
-            visit(Layer { lower: &lower, between: &between, upper: &upper });
-            lower = upper;
-            stage.advance(1);
-        }
-        Ok(())
+        walk(self.labels, self.border, layers, self.execution, stage, visit)
     }
+}
+
+/// The runs of layers that threads take at a time.
+pub(in crate::contour) fn runs(layers: Range<usize>) -> Vec<Range<usize>> {
+    layers.clone().step_by(RUN).map(|z| z..(z + RUN).min(layers.end)).collect()
+}
+
+/// Visits layers in order.
+pub(in crate::contour) fn walk(
+    labels: &LabelVolume,
+    border: Border,
+    layers: Range<usize>,
+    execution: &Execution,
+    stage: &Stage<'_>,
+    mut visit: impl FnMut(Layer<'_>),
+) -> Result<(), ContourError> {
+    let mut lower = Plane::new(labels, border, layers.start);
+    for z in layers {
+        execution.check()?;
+        let upper = Plane::new(labels, border, z + 1);
+        let between = Between::new(labels, border, z);
+        visit(Layer { lower: &lower, between: &between, upper: &upper });
+        lower = upper;
+        stage.advance(1);
+    }
+    Ok(())
 }
 
 impl<'a> LayerSlices<'a> {
@@ -163,14 +180,14 @@ impl<'a> LayerSlices<'a> {
 }
 
 /// Refuses more vertices than can be numbered.
-pub(super) fn check_vertices(vertices: u64) -> Result<(), ContourError> {
+pub(in crate::contour) fn check_vertices(vertices: u64) -> Result<(), ContourError> {
     // PLY indices are signed; better refused now than after all the work.
     let limit = u64::from(i32::MAX.unsigned_abs());
     if vertices > limit { Err(ContourError::TooManyVertices { vertices, limit }) } else { Ok(()) }
 }
 
 /// Refuses more triangles than can be numbered.
-pub(super) fn check_triangles(triangles: u64) -> Result<(), ContourError> {
+pub(in crate::contour) fn check_triangles(triangles: u64) -> Result<(), ContourError> {
     let limit = u64::from(u32::MAX);
     if triangles > limit { Err(ContourError::TooManyTriangles { triangles, limit }) } else { Ok(()) }
 }

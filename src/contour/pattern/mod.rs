@@ -3,6 +3,7 @@
 
 mod curve_graph;
 mod face;
+mod leaves;
 mod packed;
 mod partition;
 mod surface;
@@ -10,6 +11,7 @@ mod table;
 
 pub use curve_graph::{DirectedCurve, Disc, FACE_NODE, Node, Sheet, sheets};
 pub use face::{FaceCurves, curves, is_ambiguous, outward_ring, ring_edges};
+pub use leaves::{CellLeaf, CellLeaves, FaceKnot, Tie};
 pub use packed::{CELL_VERTICES, Packed, PackedEntry};
 pub use partition::{Classes, PARTITIONS, Partitions};
 pub use surface::{Apex, CellSurface, CellTriangle};

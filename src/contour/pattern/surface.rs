@@ -172,7 +172,7 @@ fn is_on_capped(discs: &[Disc], capped: &[bool], curve: &DirectedCurve) -> bool 
 }
 
 /// The corners of the disc's class next to its rim, as a bit set.
-fn disc_corners(classes: &Classes, disc: &Disc) -> u8 {
+pub(super) fn disc_corners(classes: &Classes, disc: &Disc) -> u8 {
     disc.rim
         .iter()
         .filter(|c| c.from < FACE_NODE)
@@ -184,7 +184,7 @@ fn disc_corners(classes: &Classes, disc: &Disc) -> u8 {
 /// Which discs to cap: the smallest set after which every class has at most one uncapped disc, no
 /// two capped discs share a crossing, and the classes along a capped rim are all different. Of the
 /// smallest sets, the one with the fewest corners inside its caps, then the first.
-fn caps(classes: &Classes, discs: &[Disc]) -> Vec<bool> {
+pub(super) fn caps(classes: &Classes, discs: &[Disc]) -> Vec<bool> {
     let n = discs.len();
     let chosen = |set: u32, i: usize| set >> i & 1 == 1;
     let fits = |set: u32| {

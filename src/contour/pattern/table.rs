@@ -3,6 +3,7 @@
 use std::sync::LazyLock;
 
 use super::face::{FaceCurves, curves, is_ambiguous};
+use super::leaves::{CellLeaves, cell_leaves};
 use super::packed::Packed;
 use super::partition::{PARTITIONS, Partitions};
 use super::surface::{CellSurface, cell_surface};
@@ -22,6 +23,7 @@ pub struct PatternTable {
     /// Faces with a node (three or four materials in a star), as a bit set.
     star_faces: Vec<u8>,
     surfaces: Vec<CellSurface>,
+    leaves: Vec<CellLeaves>,
     packed: Packed,
 }
 
@@ -39,6 +41,7 @@ impl PatternTable {
         let mut ambiguous = Vec::with_capacity(PARTITIONS);
         let mut star_faces = Vec::with_capacity(PARTITIONS);
         let mut surfaces = Vec::with_capacity(ENTRIES);
+        let mut leaves = Vec::with_capacity(ENTRIES);
         for classes in partitions.iter() {
             let faces = (0..FACES).filter(|&f| is_ambiguous(classes, f)).fold(0u8, |set, f| set | 1 << f);
             let is_star = |f: &usize| {
@@ -49,10 +52,11 @@ impl PatternTable {
             ambiguous.push(faces);
             for code in 0..1u8 << faces.count_ones() {
                 surfaces.push(cell_surface(classes, spread(code, faces)));
+                leaves.push(cell_leaves(classes, spread(code, faces)));
             }
         }
         let packed = Packed::new(&partitions, &first, &ambiguous, &star_faces, &surfaces);
-        Self { partitions, first, ambiguous, star_faces, surfaces, packed }
+        Self { partitions, first, ambiguous, star_faces, surfaces, leaves, packed }
     }
 
     /// The corner partitions that the entries belong to.
@@ -84,6 +88,12 @@ impl PatternTable {
     #[must_use]
     pub fn surface(&self, entry: usize) -> &CellSurface {
         &self.surfaces[entry]
+    }
+
+    /// The vertices of dual contouring of an entry.
+    #[must_use]
+    pub fn leaves(&self, entry: usize) -> &CellLeaves {
+        &self.leaves[entry]
     }
 
     /// The same entries in flat arrays.

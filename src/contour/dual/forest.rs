@@ -1,0 +1,136 @@
+//! Leaves and the nodes they became part of, and which of them are vertices now.
+//!
+//! A leaf's vertex is the highest node above it that was not *split*. Grading and the remedy split nodes that
+//! are vertices, so a split node's parents are split too.
+
+use rayon::prelude::*;
+
+use super::leaves::{Leaves, NONE, Root};
+use super::octree::{Bound, Collapses, Node, Placement, Tree, collapse};
+use super::roots::Block;
+use crate::contour::error::ContourError;
+use crate::execution::{Execution, Stage};
+
+/// A leaf or a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Owner {
+    Leaf(u32),
+    Node(u32),
+}
+
+/// The octrees of all roots.
+#[derive(Debug, Clone)]
+pub(super) struct Forest {
+    pub(super) leaves: Leaves,
+    /// By root; parents are numbers in this list.
+    pub(super) nodes: Vec<Node>,
+    /// The first node of each root, and behind the last root the number of all.
+    first_nodes: Vec<u32>,
+    /// The node that each leaf became part of, or [`NONE`].
+    parents: Vec<u32>,
+    /// Nodes that are vertices no more.
+    split: Vec<bool>,
+    pub(super) collapses: Collapses,
+}
+
+impl Forest {
+    /// Collapses all roots.
+    pub(super) fn grow(
+        leaves: Leaves,
+        bound: Bound,
+        placement: Placement,
+        execution: &Execution,
+        stage: &Stage<'_>,
+    ) -> Result<Self, ContourError> {
+        let trees: Vec<Tree> = leaves
+            .roots
+            .par_iter()
+            .map(|root| {
+                execution.check()?;
+                let tree = collapse(&leaves, root, bound, placement);
+                stage.advance(1);
+                Ok(tree)
+            })
+            .collect::<Result<_, ContourError>>()?;
+        let mut nodes = Vec::with_capacity(trees.iter().map(|t| t.nodes.len()).sum());
+        let mut parents = Vec::with_capacity(leaves.places.len());
+        let mut first_nodes = Vec::with_capacity(trees.len() + 1);
+        let mut collapses = Collapses::default();
+        for tree in &trees {
+            let first = nodes.len() as u32;
+            let global = |n: u32| if n == NONE { NONE } else { n + first };
+            first_nodes.push(first);
+            nodes.extend(tree.nodes.iter().map(|n| Node { parent: global(n.parent), ..*n }));
+            parents.extend(tree.parents.iter().map(|&p| global(p)));
+            collapses.merge(&tree.collapses);
+        }
+        first_nodes.push(nodes.len() as u32);
+        let split = vec![false; nodes.len()];
+        Ok(Self { leaves, nodes, first_nodes, parents, split, collapses })
+    }
+
+    /// What is the vertex of a leaf.
+    #[inline]
+    pub(super) fn owner(&self, leaf: u32) -> Owner {
+        let mut owner = Owner::Leaf(leaf);
+        let mut node = self.parents[leaf as usize];
+        while node != NONE {
+            if !self.split[node as usize] {
+                owner = Owner::Node(node);
+            }
+            node = self.nodes[node as usize].parent;
+        }
+        owner
+    }
+
+    /// The block of a leaf or node.
+    pub(super) fn block(&self, owner: Owner) -> Block {
+        match owner {
+            Owner::Leaf(leaf) => Block { low: self.leaves.places[leaf as usize], level: 0 },
+            Owner::Node(node) => self.nodes[node as usize].block,
+        }
+    }
+
+    /// The level of a leaf's vertex.
+    #[inline]
+    pub(super) fn level(&self, leaf: u32) -> u8 {
+        match self.owner(leaf) {
+            Owner::Leaf(_) => 0,
+            Owner::Node(node) => self.nodes[node as usize].block.level,
+        }
+    }
+
+    /// Splits a node that is a vertex: its parts become vertices.
+    pub(super) fn split(&mut self, node: u32) {
+        self.split[node as usize] = true;
+    }
+
+    /// Whether a node is a vertex: it was not split, and all above it were.
+    pub(super) fn is_vertex(&self, node: u32) -> bool {
+        let parent = self.nodes[node as usize].parent;
+        !self.split[node as usize] && (parent == NONE || self.split[parent as usize])
+    }
+
+    /// The nodes of a root, given by its index.
+    pub(super) fn nodes_of(&self, root: usize) -> std::ops::Range<u32> {
+        self.first_nodes[root]..self.first_nodes[root + 1]
+    }
+
+    /// The root of a node, as an index.
+    pub(super) fn root_of_node(&self, node: u32) -> usize {
+        self.first_nodes.partition_point(|first| *first <= node) - 1
+    }
+
+    /// The root of a leaf or node, as an index.
+    pub(super) fn root_of(&self, owner: Owner) -> usize {
+        match owner {
+            Owner::Leaf(leaf) => self.leaves.root_of_leaf(leaf),
+            Owner::Node(node) => self.root_of_node(node),
+        }
+    }
+
+    /// The roots with their indices.
+    pub(super) fn roots(&self) -> impl IndexedParallelIterator<Item = (usize, &Root)> {
+        self.leaves.roots.par_iter().enumerate()
+    }
+}

@@ -1,0 +1,221 @@
+//! The unsimplified surface: leaves (vertices, one for each sheet of a cell) and crossings, each of which
+//! joins the four leaves around it in a ring.
+//!
+//! Everything is ordered by root (z, then y, then x), and in a root by the place of the cell, so that a root's
+//! leaves and crossings are contiguous. A crossing belongs to the cell whose lowest corner is its edge's
+//! lower end; the other cells of its ring lie below, in the same root or in an earlier one.
+//!
+//! Cost follows the surface: about 30 bytes a leaf and 40 a crossing.
+
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+
+use super::knots::{Knot, Tie};
+use super::roots::{RootGrid, place};
+use crate::contour::crossing::CROSSING_MARGIN;
+use crate::grid::cube::edge_between;
+use crate::grid::{MaterialId, Pair};
+
+/// No leaf, node or crossing.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// A crossing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Crossing {
+    /// Leaves around the edge, counter-clockwise about its axis: in its own cell first.
+    pub(super) ring: [u32; 4],
+    /// Unit normal in lengths, along the edge.
+    pub(super) normal: Vec3,
+    /// Fraction of the edge.
+    pub(super) position: f32,
+    /// Place in the root of the cell that it belongs to.
+    pub(super) cell: u16,
+    /// Materials at the lower and the upper end.
+    pub(super) labels: [MaterialId; 2],
+    /// Axis of the edge.
+    pub(super) axis: u8,
+    /// How much it counts, in 255ths.
+    pub(super) weight: u8,
+}
+
+impl Crossing {
+    /// Where it is, in lengths about the middle of root `low`, whose distance from its own root is `apart`
+    /// cells.
+    #[inline]
+    pub(super) fn at(&self, grid: &RootGrid, apart: [i32; 3]) -> DVec3 {
+        let cell = place(self.cell);
+        let half = super::roots::SIDE as i32 / 2;
+        let mut at = DVec3::from([0, 1, 2].map(|a| f64::from(cell[a] as i32 + apart[a] - half)));
+        at[usize::from(self.axis)] += f64::from(self.position);
+        at * grid.cell
+    }
+
+    /// The pair of its polygon, and whether the ring must be turned over to face its front.
+    pub(super) fn pair(&self) -> (Pair, bool) {
+        let [behind, ahead] = self.labels;
+        // Labels differ, or there would be no crossing.
+        let pair = Pair::new(behind, ahead).unwrap_or_else(|| unreachable!("crossings have two materials"));
+        (pair, pair.back() != behind)
+    }
+}
+
+/// The cells around an edge along `axis`, in ring order, as offsets below the edge's own cell.
+pub(super) fn ring_offset(axis: usize, i: usize) -> [usize; 3] {
+    let mut offset = [0; 3];
+    let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+    offset[b] = usize::from(i == 1 || i == 2);
+    offset[c] = usize::from(i >= 2);
+    offset
+}
+
+/// The number that an edge along `axis` has in ring cell `i`.
+pub(super) fn ring_edge(axis: usize, i: usize) -> usize {
+    let low = ring_offset(axis, i).iter().enumerate().fold(0, |c, (a, o)| c | o << a);
+    edge_between(low, low | 1 << axis)
+}
+
+/// The face that ring cells `i` and i + 1 share: its axis.
+pub(super) fn ring_face_axis(axis: usize, i: usize) -> usize {
+    (axis + 1 + i % 2) % 3
+}
+
+/// A leaf that is more than the sheet of a cell with one simple sheet.
+pub(super) mod flag {
+    /// Its sheet has no caps and no face with two curves: it may be part of a cluster.
+    pub(crate) const SIMPLE: u8 = 1;
+    /// Its cell has other leaves: it lies at the mean of its crossings.
+    pub(crate) const CROWDED: u8 = 2;
+    /// It is a cap: it lies between its main leaf and the corners that it cuts off.
+    pub(crate) const CAP: u8 = 4;
+}
+
+/// What a root holds.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Root {
+    /// Its number in the grid of roots.
+    pub(super) number: usize,
+    pub(super) leaves: Range<u32>,
+    pub(super) crossings: Range<u32>,
+    /// The crossings of other roots that have a leaf of this one in their ring.
+    pub(super) foreign: Range<u32>,
+}
+
+/// A cap, its main leaf, and the corners of its cell that it cuts off.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cap {
+    pub(super) leaf: u32,
+    pub(super) main: u32,
+    pub(super) corners: u8,
+}
+
+/// The unsimplified surface; see the module header.
+#[derive(Debug, Clone)]
+pub(super) struct Leaves {
+    pub(super) grid: RootGrid,
+    /// Those that have leaves.
+    pub(super) roots: Vec<Root>,
+    /// The place of each leaf's cell in its root.
+    pub(super) places: Vec<u16>,
+    pub(super) flags: Vec<u8>,
+    pub(super) crossings: Vec<Crossing>,
+    pub(super) foreign: Vec<u32>,
+    pub(super) caps: Vec<Cap>,
+    pub(super) knots: Vec<Knot>,
+    pub(super) ties: Vec<Tie>,
+}
+
+impl Leaves {
+    /// The root of a leaf, as an index of `roots`.
+    pub(super) fn root_of_leaf(&self, leaf: u32) -> usize {
+        self.roots.partition_point(|r| r.leaves.end <= leaf)
+    }
+
+    /// The root of a crossing, as an index of `roots`.
+    pub(super) fn root_of_crossing(&self, crossing: u32) -> usize {
+        self.roots.partition_point(|r| r.crossings.end <= crossing)
+    }
+
+    /// How many cells root `of` lies beyond root `from`.
+    pub(super) fn apart(&self, of: &Root, from: &Root) -> [i32; 3] {
+        let (of, from) = (self.grid.low(of.number), self.grid.low(from.number));
+        [0, 1, 2].map(|a| of[a] as i32 - from[a] as i32)
+    }
+
+    /// Calls `visit` with each crossing that has a leaf of `root` in its ring, with its number and its
+    /// position in lengths about the middle of the root.
+    pub(super) fn crossings_of(&self, root: &Root, mut visit: impl FnMut(u32, &Crossing, DVec3)) {
+        for c in root.crossings.clone() {
+            let crossing = &self.crossings[c as usize];
+            visit(c, crossing, crossing.at(&self.grid, [0; 3]));
+        }
+        let mut other = None::<(&Root, [i32; 3])>;
+        for &c in &self.foreign[root.foreign.start as usize..root.foreign.end as usize] {
+            let crossing = &self.crossings[c as usize];
+            let apart = match other {
+                Some((r, apart)) if r.crossings.contains(&c) => apart,
+                _ => {
+                    let r = &self.roots[self.root_of_crossing(c)];
+                    let apart = self.apart(r, root);
+                    other = Some((r, apart));
+                    apart
+                }
+            };
+            visit(c, crossing, crossing.at(&self.grid, apart));
+        }
+    }
+
+    /// The coordinates that a leaf's vertex must have because its cell reaches beyond the volume, in
+    /// lengths about the middle of its root.
+    pub(super) fn fixed(&self, root: &Root, leaf: u32) -> [Option<f64>; 3] {
+        let (low, at) = (self.grid.low(root.number), place(self.places[leaf as usize]));
+        [0, 1, 2].map(|a| {
+            let cell = low[a] + at[a];
+            let border = cell == 0 || cell + 1 == self.grid.cells[a];
+            border.then(|| (at[a] as f64 + 0.5 - (super::roots::SIDE / 2) as f64) * self.grid.cell[a])
+        })
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.crossings.len() * size_of::<Crossing>() + self.places.len() * 3 + self.foreign.len() * 4
+    }
+}
+
+/// Weight as it is kept, and back.
+pub(super) fn pack_weight(weight: f32) -> u8 {
+    (weight * 255.0).round().clamp(1.0, 255.0) as u8
+}
+
+/// The inverse of [`pack_weight`].
+#[inline]
+pub(super) fn weight(packed: u8) -> f64 {
+    f64::from(packed) / 255.0
+}
+
+/// A fraction within the margins that crossings keep.
+pub(super) fn margined(position: f32) -> f32 {
+    position.clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::cube::{corner_offset, other_axes};
+
+    #[test]
+    fn a_ring_goes_round_its_edge() {
+        for axis in 0..3 {
+            for i in 0..4 {
+                // The edge, seen from each cell, is the same one.
+                let (offset, edge) = (ring_offset(axis, i), ring_edge(axis, i));
+                let [low, _] = crate::grid::cube::edge_corners(edge);
+                assert_eq!(corner_offset(low), offset);
+                let next = ring_offset(axis, (i + 1) % 4);
+                let moved: Vec<usize> = (0..3).filter(|&a| offset[a] != next[a]).collect();
+                assert_eq!(moved, [ring_face_axis(axis, i)]);
+                assert!(other_axes(axis).contains(&moved[0]));
+            }
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Bottom-up collapse in a root: clusters of leaves become nodes while error and topology allow it.
+//!
+//! Level by level, the parts in the eight halves of a block are grouped into clusters by their common
+//! crossings. A cluster becomes a node of the next level if it passes the tests of `topology.rs` and its QEF
+//! stays within the tolerance at its minimum; only nodes are parts of the next level (the paper's condition
+//! that all children are leaves or pseudo-leaves). Reads nothing outside the root but the crossings
+//! on its faces.
+
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::leaves::{Leaves, NONE, Root, flag, ring_edge, weight};
+use super::qef::{Place, Qef};
+use super::roots::{Block, LEVELS};
+use super::topology::{Clusters, Outline, Refusal};
+use crate::grid::cube::EDGES;
+
+/// When a collapse is admitted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bound {
+    /// Never: the unsimplified surface.
+    None,
+    /// While the root mean square distance of the vertex to the planes of its crossings is at most this,
+    /// in voxels of mean edge.
+    Rms(f64),
+    /// While the sum of squared distances is less than this, in voxels squared: the paper's parameter.
+    Sum(f64),
+}
+
+impl Bound {
+    /// Whether an error, summed over `count` planes, is admitted.
+    pub(super) fn admits(self, error: f64, count: f64) -> bool {
+        match self {
+            Self::None => false,
+            Self::Rms(rms) => error <= rms * rms * count,
+            Self::Sum(sum) => error < sum,
+        }
+    }
+}
+
+/// Where a vertex is put when the minimiser lies outside its block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Placement {
+    /// At the best point of its block.
+    #[default]
+    Clamped,
+    /// At the mean of its crossings, as the paper does.
+    Paper,
+}
+
+impl Placement {
+    /// The vertex of a QEF.
+    pub(super) fn vertex(self, qef: &Qef, place: &Place) -> DVec3 {
+        match self {
+            Self::Clamped => qef.minimiser_within(place),
+            Self::Paper => {
+                let x = qef.minimiser_of(place);
+                if place.holds(x) { x } else { place.clamp(qef.mass_point()) }
+            }
+        }
+    }
+}
+
+/// A node: a cluster that became one vertex.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Node {
+    pub(super) block: Block,
+    /// The node that it became part of, or [`NONE`].
+    pub(super) parent: u32,
+    /// In lengths about the middle of its root.
+    pub(super) position: Vec3,
+}
+
+/// Attempts to collapse, and why they failed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Collapses {
+    /// Clusters that became a node.
+    pub made: u64,
+    /// Refused because the error was above the tolerance.
+    pub error: u64,
+    /// Refused because a material's part would not have been a disc (V).
+    pub disc: u64,
+    /// Refused because of the curves on a face of the block (F).
+    pub face: u64,
+    /// Refused because an edge of the block carries two crossings (E).
+    pub edge: u64,
+    /// Not tried because a neighbour in the same block had not passed.
+    pub neighbour: u64,
+    /// Refused because it would have reached two opposite sides of the volume.
+    pub border: u64,
+}
+
+impl Collapses {
+    pub(super) fn merge(&mut self, other: &Self) {
+        self.made += other.made;
+        self.error += other.error;
+        self.disc += other.disc;
+        self.face += other.face;
+        self.edge += other.edge;
+        self.neighbour += other.neighbour;
+        self.border += other.border;
+    }
+}
+
+/// What became of a root.
+#[derive(Debug, Default)]
+pub(super) struct Tree {
+    /// Parents and numbers are local to the root.
+    pub(super) nodes: Vec<Node>,
+    /// The node that each leaf became part of, or [`NONE`].
+    pub(super) parents: Vec<u32>,
+    pub(super) collapses: Collapses,
+}
+
+/// A leaf or node that may become part of a node.
+struct Part {
+    low: u16,
+    crossings: [u32; EDGES],
+    qef: Qef,
+    fixed: [Option<f64>; 3],
+    /// Leaf or, from level 1 on, node.
+    number: u32,
+}
+
+/// Collapses a root.
+pub(super) fn collapse(leaves: &Leaves, root: &Root, bound: Bound, placement: Placement) -> Tree {
+    let mut tree = Tree { parents: vec![NONE; root.leaves.len()], ..Tree::default() };
+    if bound == Bound::None {
+        return tree;
+    }
+    let mut parts = parts_of(leaves, root);
+    let mut clusters = Clusters::default();
+    for level in 1..=LEVELS {
+        let mut next = Vec::new();
+        let shift = 3 * u32::from(level);
+        let mut start = 0;
+        while start < parts.len() {
+            let low = parts[start].low >> shift;
+            let count = parts[start..].iter().take_while(|p| p.low >> shift == low).count();
+            let group = &parts[start..start + count];
+            start += count;
+            let block = Block { low: low << shift, level };
+            collapse_block(leaves, block, group, (bound, placement), &mut clusters, &mut tree, &mut next);
+        }
+        parts = next;
+    }
+    tree
+}
+
+/// The simple leaves of a root, in order of their cells.
+fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
+    let first = root.leaves.start as usize;
+    let mut parts: Vec<Part> = root
+        .leaves
+        .clone()
+        .map(|leaf| Part {
+            low: leaves.places[leaf as usize],
+            crossings: [NONE; EDGES],
+            qef: Qef::default(),
+            fixed: leaves.fixed(root, leaf),
+            number: leaf - root.leaves.start,
+        })
+        .collect();
+    leaves.crossings_of(root, |number, crossing, at| {
+        for (i, &leaf) in crossing.ring.iter().enumerate().filter(|(_, l)| root.leaves.contains(l)) {
+            let part = &mut parts[leaf as usize - first];
+            part.crossings[ring_edge(crossing.axis.into(), i)] = number;
+            part.qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+        }
+    });
+    parts.retain(|p| leaves.flags[first + p.number as usize] & flag::SIMPLE != 0 && p.qef.count() > 0.0);
+    parts
+}
+
+/// Groups the parts in a block and makes nodes of the clusters that pass.
+fn collapse_block(
+    leaves: &Leaves,
+    block: Block,
+    group: &[Part],
+    (bound, placement): (Bound, Placement),
+    clusters: &mut Clusters,
+    tree: &mut Tree,
+    next: &mut Vec<Part>,
+) {
+    let child_of = |part: &Part| (part.low >> (3 * (u32::from(block.level) - 1)) & 7) as u8;
+    clusters.set(group.iter().map(|p| Outline { child: child_of(p), crossings: p.crossings }));
+    let bounds = block.bounds(&leaves.grid);
+    for cluster in 0..clusters.len() {
+        if clusters.cluster(cluster) != cluster {
+            continue;
+        }
+        let mut qef = Qef::default();
+        let mut fixed = [None; 3];
+        let mut fits = true;
+        for i in cluster..group.len() {
+            if clusters.cluster(i) == cluster {
+                qef.merge(&group[i].qef);
+                for (all, own) in fixed.iter_mut().zip(group[i].fixed) {
+                    fits &= all.is_none() || own.is_none() || *all == own;
+                    *all = all.or(own);
+                }
+            }
+        }
+        if !fits {
+            tree.collapses.border += 1;
+            continue;
+        }
+        let position = placement.vertex(&qef, &Place { bounds, fixed });
+        if !bound.admits(qef.error(position), qef.count()) {
+            tree.collapses.error += 1;
+            continue;
+        }
+        let labels = |crossing: u32| leaves.crossings[crossing as usize].labels;
+        let crossings = match clusters.test(cluster, labels) {
+            Ok(crossings) => crossings,
+            Err(refusal) => {
+                *(match refusal {
+                    Refusal::Disc => &mut tree.collapses.disc,
+                    Refusal::Face => &mut tree.collapses.face,
+                    Refusal::Edge => &mut tree.collapses.edge,
+                    Refusal::Neighbour => &mut tree.collapses.neighbour,
+                }) += 1;
+                continue;
+            }
+        };
+        tree.collapses.made += 1;
+        let number = tree.nodes.len() as u32;
+        for i in cluster..group.len() {
+            if clusters.cluster(i) == cluster {
+                let child = group[i].number as usize;
+                if block.level == 1 {
+                    tree.parents[child] = number;
+                } else {
+                    tree.nodes[child].parent = number;
+                }
+            }
+        }
+        tree.nodes.push(Node { block, parent: NONE, position: position.as_vec3() });
+        next.push(Part { low: block.low, crossings, qef, fixed, number });
+    }
+}

@@ -1,0 +1,241 @@
+//! The quadratic error function of a vertex: sum of squared distances to the planes of its crossings.
+//!
+//! E(x) = sum w (n · (x - p))² (000_f7f54f44c17ac186 eq. 9). Kept as the Gram matrix of [A b], about a point near
+//! by, in `f64`; merging adds. Its Cholesky factor is the triangular matrix that the QR method of eq. 12
+//! and 13 gives, but for signs, so minimum and residual are the same; the tests compare them.
+
+use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, SymmetricEigen};
+
+/// Eigenvalues under this part of the largest are left out: what is flat within noise stays flat.
+pub(super) const CUTOFF: f64 = 0.1;
+
+/// Planes of crossings, added up.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Qef {
+    /// AᵀA.
+    matrix: [f64; 6],
+    /// Aᵀb.
+    vector: DVec3,
+    /// bᵀb.
+    square: f64,
+    /// Sum of the crossings' positions, and their number.
+    sum: DVec3,
+    count: f64,
+}
+
+/// Where a vertex may lie.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Corners of its block.
+    pub(super) bounds: [DVec3; 2],
+    /// Coordinates that it must have, on the volume's border.
+    pub(super) fixed: [Option<f64>; 3],
+}
+
+impl Place {
+    /// Whether a point may be taken.
+    pub(super) fn holds(&self, x: DVec3) -> bool {
+        self.clamp(x) == x
+    }
+
+    /// The nearest point that may be taken.
+    pub(super) fn clamp(&self, x: DVec3) -> DVec3 {
+        let mut x = x.clamp(self.bounds[0], self.bounds[1]);
+        for (a, fixed) in self.fixed.iter().enumerate() {
+            if let Some(value) = fixed {
+                x[a] = *value;
+            }
+        }
+        x
+    }
+}
+
+impl Qef {
+    /// Adds the plane through `at` with unit normal `normal`, `weight` times.
+    #[inline]
+    pub(super) fn add(&mut self, at: DVec3, normal: DVec3, weight: f64) {
+        let n = normal;
+        let d = n.dot(at);
+        let m = n * weight;
+        let products = [m.x * n.x, m.x * n.y, m.x * n.z, m.y * n.y, m.y * n.z, m.z * n.z];
+        self.matrix.iter_mut().zip(products).for_each(|(sum, p)| *sum += p);
+        self.vector += m * d;
+        self.square += weight * d * d;
+        self.sum += at;
+        self.count += 1.0;
+    }
+
+    /// Adds the planes of another one about the same point.
+    #[inline]
+    pub(super) fn merge(&mut self, other: &Self) {
+        self.matrix.iter_mut().zip(other.matrix).for_each(|(sum, p)| *sum += p);
+        self.vector += other.vector;
+        self.square += other.square;
+        self.sum += other.sum;
+        self.count += other.count;
+    }
+
+    /// AᵀA.
+    pub(super) fn matrix(&self) -> DMat3 {
+        let [xx, xy, xz, yy, yz, zz] = self.matrix;
+        DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
+    }
+
+    /// The mean of the crossings.
+    pub(super) fn mass_point(&self) -> DVec3 {
+        self.sum / self.count.max(1.0)
+    }
+
+    /// Number of planes.
+    pub(super) fn count(&self) -> f64 {
+        self.count
+    }
+
+    /// The sum of squared distances at `x`, lengths squared.
+    pub(super) fn error(&self, x: DVec3) -> f64 {
+        (x.dot(self.matrix() * x) - 2.0 * x.dot(self.vector) + self.square).max(0.0)
+    }
+
+    /// Half the gradient of the error at `x`.
+    pub(super) fn slope(&self, x: DVec3) -> DVec3 {
+        self.matrix() * x - self.vector
+    }
+
+    /// The minimiser nearest to the mass point, also beyond the block.
+    pub(super) fn minimiser_of(&self, place: &Place) -> DVec3 {
+        let free = place.fixed.map(|f| f.is_none());
+        let start = DVec3::from([0, 1, 2].map(|a| place.fixed[a].unwrap_or(self.mass_point()[a])));
+        self.minimiser_in(free, start)
+    }
+
+    /// The minimiser in `place`: where it would lie beyond, it is clamped and the other coordinates are
+    /// found again.
+    pub(super) fn minimiser_within(&self, place: &Place) -> DVec3 {
+        let mut free = place.fixed.map(|f| f.is_none());
+        let start = place.clamp(self.mass_point());
+        let mut x = start;
+        // Each round but the last takes away an axis at least.
+        for _ in 0..4 {
+            x = self.minimiser_in(free, x);
+            let inside = place.clamp(x);
+            let beyond = inside.cmpne(x);
+            x = inside;
+            if !beyond.any() {
+                break;
+            }
+            (0..3).for_each(|a| free[a] &= !beyond.test(a));
+        }
+        if self.error(x) <= self.error(start) { x } else { start }
+    }
+
+    /// The minimiser over the free coordinates, as near to `start` as small eigenvalues leave open.
+    fn minimiser_in(&self, free: [bool; 3], start: DVec3) -> DVec3 {
+        let mask = DVec3::from(free.map(|f| f64::from(u8::from(f))));
+        let matrix = DMat3::from_diagonal(mask) * self.matrix() * DMat3::from_diagonal(mask);
+        let slope = self.slope(start) * mask;
+        start - Eigen::new(&matrix).solve(slope)
+    }
+}
+
+/// A symmetric matrix by its eigenvectors.
+pub(super) struct Eigen {
+    pub(super) values: [f64; 3],
+    pub(super) vectors: [DVec3; 3],
+}
+
+impl Eigen {
+    pub(super) fn new(matrix: &DMat3) -> Self {
+        let eigen = SymmetricEigen::new(Matrix3::from_column_slice(&matrix.to_cols_array()));
+        let vector = |i: usize| DVec3::from_slice(eigen.eigenvectors.column(i).as_slice());
+        Self { values: [0, 1, 2].map(|i| eigen.eigenvalues[i]), vectors: [0, 1, 2].map(vector) }
+    }
+
+    /// Solves for a right-hand side, along eigenvectors of eigenvalues that are not small.
+    fn solve(&self, right: DVec3) -> DVec3 {
+        let least = self.least();
+        let along = |(value, vector): (&f64, &DVec3)| {
+            if *value > least { *vector * (vector.dot(right) / value) } else { DVec3::ZERO }
+        };
+        self.values.iter().zip(&self.vectors).map(along).sum()
+    }
+
+    /// Eigenvalues up to this one are small.
+    fn least(&self) -> f64 {
+        CUTOFF * self.values.iter().fold(0.0, |m: f64, v| m.max(*v))
+    }
+
+    /// The part of `d` along eigenvectors of small eigenvalues.
+    pub(super) fn along_small(&self, d: DVec3) -> DVec3 {
+        let least = self.least();
+        let small = self.values.iter().zip(&self.vectors).filter(|(value, _)| **value <= least);
+        small.map(|(_, v)| *v * v.dot(d)).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    fn minimiser(qef: &Qef) -> DVec3 {
+        qef.minimiser_of(&Place { bounds: [DVec3::MIN, DVec3::MAX], fixed: [None; 3] })
+    }
+
+    fn planes() -> impl Strategy<Value = Vec<(DVec3, DVec3)>> {
+        let vector = |r: f64| [-r..r, -r..r, -r..r].prop_map(DVec3::from);
+        let normal = vector(1.0).prop_filter("long enough", |n| n.length() > 0.1);
+        prop::collection::vec((vector(16.0), normal.prop_map(DVec3::normalize)), 3..40)
+    }
+
+    proptest! {
+        #[test]
+        fn the_gram_matrix_gives_what_qr_gives(planes in planes()) {
+            let mut qef = Qef::default();
+            planes.iter().for_each(|(p, n)| qef.add(*p, *n, 1.0));
+            let rows = planes.len();
+            let ab = DMatrix::from_fn(rows, 4, |i, j| {
+                let (p, n) = planes[i];
+                if j < 3 { n[j] } else { n.dot(p) }
+            });
+            // Eq. 12: upper triangle [A^ b^; 0 r].
+            let r = ab.qr().r();
+            prop_assume!((0..3).all(|i| r[(i, i)].abs() > 0.5));
+            let a = r.view((0, 0), (3, 3)).into_owned();
+            let x = a.solve_upper_triangular(&DVector::from_fn(3, |i, _| r[(i, 3)])).unwrap();
+            let x = DVec3::new(x[0], x[1], x[2]);
+            let residual = if rows > 3 { r[(3, 3)].powi(2) } else { 0.0 };
+            prop_assert!((qef.error(x) - residual).abs() < 1e-8 * (1.0 + qef.square));
+            let eigen = Eigen::new(&qef.matrix());
+            if eigen.values.iter().all(|v| *v > eigen.least()) {
+                prop_assert!(minimiser(&qef).distance(x) < 1e-7);
+            }
+        }
+
+        #[test]
+        fn the_minimiser_stays_in_its_place_and_is_the_best_there(planes in planes(), fix in any::<[bool; 3]>()) {
+            let mut qef = Qef::default();
+            planes.iter().for_each(|(p, n)| qef.add(*p, *n, 1.0));
+            let place = Place { bounds: [DVec3::splat(-2.0), DVec3::splat(2.0)], fixed: fix.map(|f| f.then_some(0.5)) };
+            let x = qef.minimiser_within(&place);
+            prop_assert_eq!(x, place.clamp(x));
+            prop_assert!(qef.error(x) <= qef.error(place.clamp(qef.mass_point())) * (1.0 + 1e-9) + 1e-9);
+        }
+    }
+
+    #[test]
+    fn an_edge_is_found_and_what_it_leaves_open_stays_in_the_middle() {
+        let mut qef = Qef::default();
+        for i in 0..4 {
+            let y = f64::from(i);
+            qef.add(DVec3::new(3.0, y, 1.0), DVec3::X, 1.0);
+            qef.add(DVec3::new(1.0, y, 5.0), DVec3::Z, 1.0);
+        }
+        assert!(minimiser(&qef).distance(DVec3::new(3.0, 1.5, 5.0)) < 1e-12);
+        assert!(qef.error(minimiser(&qef)) < 1e-12);
+        let place =
+            Place { bounds: [DVec3::ZERO, DVec3::new(2.0, 8.0, 8.0)], fixed: [None, Some(7.5), None] };
+        assert!(qef.minimiser_within(&place).distance(DVec3::new(2.0, 7.5, 5.0)) < 1e-12);
+    }
+}

@@ -1,0 +1,180 @@
+//! The vertices of the simplified surface: which leaves they stand for, where they lie and what they are.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::forest::{Forest, Owner};
+use super::leaves::{NONE, Root, flag, weight};
+use super::octree::Placement;
+use super::qef::{Place, Qef};
+use super::roots::{SIDE, place};
+use crate::contour::patch::Border;
+use crate::grid::cube::{CORNERS, corner_offset};
+use crate::grid::{MaterialId, VertexKind};
+
+/// A vertex.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Vertex {
+    pub(super) owner: Owner,
+    /// Its root, as an index.
+    pub(super) root: u32,
+    /// In lengths about the middle of its root.
+    pub(super) position: DVec3,
+    pub(super) kind: VertexKind,
+    /// Coordinates that it must keep.
+    pub(super) fixed: [Option<f64>; 3],
+    /// The planes of its crossings, about the middle of its root.
+    pub(super) qef: Qef,
+    /// Whether it lies at the mean of its crossings whatever its QEF says.
+    pub(super) pinned: bool,
+}
+
+/// All vertices, root by root.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Vertices {
+    pub(super) all: Vec<Vertex>,
+    /// The vertex of each leaf; [`NONE`] for a leaf that no polygon uses.
+    pub(super) of_leaf: Vec<u32>,
+}
+
+impl Vertices {
+    /// The vertices of a forest as it is. Leaves in `pinned` (ascending) lie at the mean of their crossings.
+    pub(super) fn new(forest: &Forest, placement: Placement, border: Border, pinned: &[u32]) -> Self {
+        let by_root: Vec<(Vec<Vertex>, Vec<u32>)> =
+            forest.roots().map(|(i, root)| of_root(forest, i, root, placement, border, pinned)).collect();
+        let mut out = Self::default();
+        out.all.reserve(by_root.iter().map(|(v, _)| v.len()).sum());
+        out.of_leaf.reserve(forest.leaves.places.len());
+        for (vertices, of_leaf) in by_root {
+            let first = out.all.len() as u32;
+            out.all.extend(vertices);
+            out.of_leaf.extend(of_leaf.into_iter().map(|v| if v == NONE { NONE } else { v + first }));
+        }
+        out
+    }
+}
+
+/// The materials that meet at a vertex.
+#[derive(Debug, Clone, Copy)]
+struct Meeting {
+    materials: [MaterialId; 4],
+    count: usize,
+    outside: bool,
+}
+
+impl Meeting {
+    const NONE: Self = Self { materials: [MaterialId::BACKGROUND; 4], count: 0, outside: false };
+
+    fn add(&mut self, material: MaterialId) {
+        if material == MaterialId::OUTSIDE {
+            self.outside = true;
+        } else if self.count < 4 && !self.materials[..self.count].contains(&material) {
+            self.materials[self.count] = material;
+            self.count += 1;
+        }
+    }
+
+    fn kind(&self, on_border: bool, border: Border) -> VertexKind {
+        VertexKind::new(self.count + usize::from(self.outside && border == Border::Closed), on_border)
+    }
+}
+
+/// The vertices of a root, and the vertex of each of its leaves, numbered from 0.
+fn of_root(
+    forest: &Forest,
+    index: usize,
+    root: &Root,
+    placement: Placement,
+    border: Border,
+    pinned: &[u32],
+) -> (Vec<Vertex>, Vec<u32>) {
+    let leaves = &forest.leaves;
+    let first = root.leaves.start;
+    let caps = leaves.caps.partition_point(|c| c.leaf < first)
+        ..leaves.caps.partition_point(|c| c.leaf < root.leaves.end);
+    let caps = &leaves.caps[caps];
+    // Which leaves polygons use.
+    let mut of_leaf = vec![NONE; root.leaves.len()];
+    leaves.crossings_of(root, |_, crossing, _| {
+        for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
+            of_leaf[(leaf - first) as usize] = 0;
+        }
+    });
+    caps.iter().for_each(|cap| of_leaf[(cap.main - first) as usize] = 0);
+    let nodes = forest.nodes_of(index);
+    let mut of_node = vec![NONE; nodes.len()];
+    let mut out = Vec::new();
+    for leaf in root.leaves.clone() {
+        if of_leaf[(leaf - first) as usize] == NONE {
+            continue;
+        }
+        let owner = forest.owner(leaf);
+        let fixed = leaves.fixed(root, leaf);
+        let number = match owner {
+            Owner::Node(node) if of_node[(node - nodes.start) as usize] != NONE => {
+                let number = of_node[(node - nodes.start) as usize];
+                let known: &mut Vertex = &mut out[number as usize];
+                known.fixed.iter_mut().zip(fixed).for_each(|(all, own)| *all = all.or(own));
+                number
+            }
+            _ => {
+                let number = out.len() as u32;
+                if let Owner::Node(node) = owner {
+                    of_node[(node - nodes.start) as usize] = number;
+                }
+                let crowded =
+                    matches!(owner, Owner::Leaf(l) if leaves.flags[l as usize] & flag::CROWDED != 0);
+                out.push(Vertex {
+                    owner,
+                    root: index as u32,
+                    position: DVec3::ZERO,
+                    kind: VertexKind::Interface,
+                    fixed,
+                    qef: Qef::default(),
+                    pinned: crowded || matches!(owner, Owner::Leaf(l) if pinned.binary_search(&l).is_ok()),
+                });
+                number
+            }
+        };
+        of_leaf[(leaf - first) as usize] = number;
+    }
+    let mut meetings = vec![Meeting::NONE; out.len()];
+    leaves.crossings_of(root, |_, crossing, at| {
+        for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
+            let v = of_leaf[(leaf - first) as usize] as usize;
+            out[v].qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+            crossing.labels.into_iter().for_each(|label| meetings[v].add(label));
+        }
+    });
+    for (vertex, meeting) in out.iter_mut().zip(&meetings) {
+        let bounds = forest.block(vertex.owner).bounds(&leaves.grid);
+        let place = Place { bounds, fixed: vertex.fixed };
+        vertex.position = match vertex.owner {
+            _ if vertex.pinned => place.clamp(vertex.qef.mass_point()),
+            Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
+            Owner::Leaf(_) => placement.vertex(&vertex.qef, &place),
+        };
+        vertex.kind = meeting.kind(vertex.fixed.iter().any(Option::is_some), border);
+    }
+    // Caps lie between the middle of their sheet's crossings and the corners that they cut off.
+    for sheet in caps.chunk_by(|a, b| a.main == b.main) {
+        let main = of_leaf[(sheet[0].main - first) as usize] as usize;
+        let mut all = out[main].qef;
+        sheet.iter().for_each(|cap| all.merge(&out[of_leaf[(cap.leaf - first) as usize] as usize].qef));
+        let main_place =
+            Place { bounds: forest.block(out[main].owner).bounds(&leaves.grid), fixed: out[main].fixed };
+        let middle = main_place.clamp(all.mass_point());
+        out[main].position = middle;
+        for cap in sheet {
+            let low =
+                DVec3::from(place(leaves.places[cap.leaf as usize]).map(|c| c as f64 - (SIDE / 2) as f64));
+            let corners = (0..CORNERS).filter(|c| cap.corners >> c & 1 == 1);
+            let count = f64::from(cap.corners.count_ones());
+            let corner: DVec3 =
+                corners.map(|c| DVec3::from(corner_offset(c).map(|o| o as f64))).sum::<DVec3>() / count;
+            let vertex = &mut out[of_leaf[(cap.leaf - first) as usize] as usize];
+            vertex.position = main_place.clamp((middle + (low + corner) * leaves.grid.cell) / 2.0);
+        }
+    }
+    (out, of_leaf)
+}
