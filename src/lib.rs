@@ -58,6 +58,7 @@ pub mod mesh;
 pub mod phantom;
 pub mod pipeline;
 pub mod report;
+pub mod triangle;
 pub mod volume;
 
 pub use contour::Border;

@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 
 /// From the top (used by all) to the bottom (uses all). A file alone is a layer of its own.
-const LAYERS: [&str; 12] = [
+const LAYERS: [&str; 13] = [
     "execution",
     "grid",
+    "triangle",
     "volume",
     "material",
     "classify",

@@ -36,7 +36,7 @@ pub use kinds::kinds_from_labels;
 pub use measure::{Measures, PairMeasure, PieceMeasure, ShellMeasure, measure};
 pub use merge::MeshMerger;
 pub use piece::MeshPiece;
-pub use quality::{BINS, GOOD, Quality, quality, triangle_quality};
+pub use quality::{BINS, GOOD, Quality, quality};
 pub use report::{MeshReport, MeshReportBuilder};
 pub use split::{Shell, split};
 pub use split_pieces::{ShellPiece, ShellSplitter};

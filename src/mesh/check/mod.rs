@@ -10,12 +10,7 @@
 
 mod defects;
 mod edges;
-mod intersections;
-mod size_trees;
-mod triangle_pair;
 mod vertices;
-
-use rayon::prelude::*;
 
 pub use defects::{
     Defects, EdgeDefect, Listed, ShellState, TriangleDefect, TrianglePairDefect, VertexDefect,
@@ -26,6 +21,7 @@ use super::tables::Tables;
 use super::window::Window;
 use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
+use crate::triangle::{Search, without_area};
 
 /// Options of [`check`].
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -88,11 +84,11 @@ impl Checker {
         let keep = options.examples;
         execution.check()?;
         let own = window.own_triangles();
-        let degenerate: Vec<bool> = (0..own.end).into_par_iter().map(|t| is_degenerate(window, t)).collect();
+        let degenerate = without_area(window.positions(), window.triangles());
         for t in own.clone().filter(|&t| degenerate[t]) {
             defects.degenerate_triangles.add(keep, || triangle_defect(window, t));
         }
-        for pair in &window.pairs()[own] {
+        for pair in &window.pairs()[own.clone()] {
             present[usize::from(pair.back().0)] = true;
             present[usize::from(pair.front().0)] = true;
         }
@@ -102,7 +98,11 @@ impl Checker {
         if options.self_intersections {
             execution.check()?;
             drop(tables); // the trees need as much memory again
-            let found = intersections::find(window, &degenerate, keep, *progress, execution)?;
+            let mut search = Search::new(window.positions(), window.triangles(), &degenerate).keep(keep);
+            if *progress {
+                search = search.stage("search self-intersections");
+            }
+            let found = search.run(|t| own.contains(&t), execution)?;
             // A pair may come after others whose lower triangle lies higher.
             let all = &mut defects.self_intersections;
             all.count += found.count;
@@ -172,11 +172,6 @@ impl ShellCounts {
             })
             .collect()
     }
-}
-
-fn is_degenerate(window: &Window<'_>, t: usize) -> bool {
-    let [a, b, c] = window.triangles()[t];
-    a == b || b == c || c == a || triangle_pair::is_degenerate(&window.corners(t))
 }
 
 fn triangle_defect(window: &Window<'_>, t: usize) -> TriangleDefect {

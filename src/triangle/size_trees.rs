@@ -282,7 +282,7 @@ mod tests {
         for t in 0..600usize {
             for u in t + 1..600 {
                 let c = |t: usize| triangles[t].map(|v| positions[v as usize]);
-                if super::super::triangle_pair::touch(&c(t), &c(u)) {
+                if crate::triangle::triangle_pair::touch(&c(t), &c(u)) {
                     assert!(seen.contains_key(&(t, u)), "{t} {u}");
                 }
             }
