@@ -278,7 +278,7 @@ impl Builder {
     }
 
     /// The whole surface, once all layers were added.
-    pub(super) fn finish(mut self) -> Leaves {
+    pub(super) fn into_leaves(mut self) -> Leaves {
         let numbers: Vec<u32> = self.leaves.roots.iter().map(|r| r.number as u32).collect();
         self.foreign.par_sort_unstable();
         let leaves = &mut self.leaves;

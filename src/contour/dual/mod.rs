@@ -1,4 +1,7 @@
-//! Adaptive dual contouring (Li et al. 2022; Ju et al. 2002): see `docs/dual.md`.
+//! Adaptive dual contouring (Li et al. 2022; Ju et al. 2002; Schaefer, Ju and Warren 2007) for any number of
+//! materials: method, guarantees and departures in `docs/dual.md`.
+//!
+//! [`Builder`] takes the volume's layers one after the other; [`Builder::finish`] makes the surface.
 
 mod build;
 mod forest;
@@ -10,8 +13,10 @@ mod placement;
 mod polygons;
 mod qef;
 mod roots;
+mod surface;
 mod topology;
 mod vertices;
 
 pub use build::Builder;
 pub use octree::{Bound, Collapses, Placement};
+pub use surface::{DualOptions, DualSurface, Statistics};

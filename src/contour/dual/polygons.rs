@@ -14,7 +14,7 @@ use super::leaves::{Crossing, NONE};
 use super::placement::World;
 use super::vertices::Vertices;
 use crate::contour::patch::Border;
-use crate::grid::{MaterialId, Pair, VertexKind};
+use crate::grid::{MaterialId, Pair};
 use crate::triangle::triangle_quality;
 
 /// What the remedy decided about polygons; all ascending.
@@ -32,7 +32,8 @@ pub(super) struct Choices {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Triangles {
     pub(super) positions: Vec<DVec3>,
-    pub(super) kinds: Vec<VertexKind>,
+    /// Whether each vertex lies on the volume's border.
+    pub(super) on_border: Vec<bool>,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) pairs: Vec<Pair>,
     /// The crossing of each triangle's polygon; [`NONE`] for one that ties a cap to its sheet.
@@ -97,16 +98,24 @@ pub(super) fn triangulate(
             .par_iter()
             .map(|v| world.place(leaves.roots[v.root as usize].number, v.position))
             .collect(),
-        kinds: vertices.all.iter().map(|v| v.kind).collect(),
+        on_border: vertices.all.iter().map(|v| v.fixed.iter().any(Option::is_some)).collect(),
         ..Triangles::default()
     };
-    let extra = extra(forest, vertices, knots, choices, world, border, &mut out);
+    let extra = extra(forest, vertices, knots, choices, world, &mut out);
     let by_root: Vec<Triangles> = forest
         .roots()
         .map(|(_, root)| {
             let mut part = Triangles::default();
             for c in root.crossings.clone() {
-                put_polygon(&mut part, c, &leaves.crossings[c as usize], vertices, &extra, &out.positions, border);
+                put_polygon(
+                    &mut part,
+                    c,
+                    &leaves.crossings[c as usize],
+                    vertices,
+                    &extra,
+                    &out.positions,
+                    border,
+                );
             }
             part
         })
@@ -135,7 +144,6 @@ fn extra<'a>(
     knots: &[Knot],
     choices: &'a Choices,
     world: &World<'_>,
-    border: Border,
     out: &mut Triangles,
 ) -> Extra<'a> {
     let leaves = &forest.leaves;
@@ -163,19 +171,11 @@ fn extra<'a>(
         // At the mean of its crossings, in the border plane if both cells reach beyond it.
         let root = leaves.root_of_crossing(c);
         let mut at = DVec3::ZERO;
-        let (mut materials, mut outside) = (Vec::new(), false);
         for &(c, _) in &knot.passes {
             let of = leaves.root_of_crossing(c);
             let apart = leaves.apart(&leaves.roots[of], &leaves.roots[root]);
             let crossing = &leaves.crossings[c as usize];
             at += crossing.at(&leaves.grid, apart) / knot.passes.len() as f64;
-            for label in crossing.labels {
-                if label == MaterialId::OUTSIDE {
-                    outside = true;
-                } else if !materials.contains(&label) {
-                    materials.push(label);
-                }
-            }
         }
         let ring = leaves.crossings[c as usize].ring;
         let fixed = [ring[usize::from(i)], ring[usize::from(i + 1) % 4]].map(|leaf| {
@@ -192,11 +192,11 @@ fn extra<'a>(
             }
         }
         out.positions.push(world.place(leaves.roots[root].number, at));
-        let count = materials.len() + usize::from(outside && border == Border::Closed);
-        out.kinds.push(VertexKind::new(count, on_border));
+        out.on_border.push(on_border);
     }
     passes.sort_unstable();
-    let mut centres: Vec<u32> = passes.iter().map(|((c, _), _)| *c).chain(choices.stars.iter().copied()).collect();
+    let mut centres: Vec<u32> =
+        passes.iter().map(|((c, _), _)| *c).chain(choices.stars.iter().copied()).collect();
     centres.sort_unstable();
     centres.dedup();
     centres.retain(|&c| mapped(vertices, leaves.crossings[c as usize].ring).1 >= 3);
@@ -205,7 +205,7 @@ fn extra<'a>(
         let crossing = &leaves.crossings[c as usize];
         let root = &leaves.roots[leaves.root_of_crossing(c)];
         out.positions.push(world.place(root.number, crossing.at(&leaves.grid, [0; 3])));
-        out.kinds.push(VertexKind::new(2, crossing.labels.contains(&MaterialId::OUTSIDE)));
+        out.on_border.push(crossing.labels.contains(&MaterialId::OUTSIDE));
     }
     Extra { passes, centres, first_centre, of_knot, choices }
 }

@@ -8,9 +8,7 @@ use super::leaves::{NONE, Root, flag, weight};
 use super::octree::Placement;
 use super::qef::{Place, Qef};
 use super::roots::{SIDE, place};
-use crate::contour::patch::Border;
 use crate::grid::cube::{CORNERS, corner_offset};
-use crate::grid::{MaterialId, VertexKind};
 
 /// A vertex.
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +18,6 @@ pub(super) struct Vertex {
     pub(super) root: u32,
     /// In lengths about the middle of its root.
     pub(super) position: DVec3,
-    pub(super) kind: VertexKind,
     /// Coordinates that it must keep.
     pub(super) fixed: [Option<f64>; 3],
     /// The planes of its crossings, about the middle of its root.
@@ -39,9 +36,9 @@ pub(super) struct Vertices {
 
 impl Vertices {
     /// The vertices of a forest as it is. Leaves in `pinned` (ascending) lie at the mean of their crossings.
-    pub(super) fn new(forest: &Forest, placement: Placement, border: Border, pinned: &[u32]) -> Self {
+    pub(super) fn new(forest: &Forest, placement: Placement, pinned: &[u32]) -> Self {
         let by_root: Vec<(Vec<Vertex>, Vec<u32>)> =
-            forest.roots().map(|(i, root)| of_root(forest, i, root, placement, border, pinned)).collect();
+            forest.roots().map(|(i, root)| of_root(forest, i, root, placement, pinned)).collect();
         let mut out = Self::default();
         out.all.reserve(by_root.iter().map(|(v, _)| v.len()).sum());
         out.of_leaf.reserve(forest.leaves.places.len());
@@ -54,38 +51,12 @@ impl Vertices {
     }
 }
 
-/// The materials that meet at a vertex.
-#[derive(Debug, Clone, Copy)]
-struct Meeting {
-    materials: [MaterialId; 4],
-    count: usize,
-    outside: bool,
-}
-
-impl Meeting {
-    const NONE: Self = Self { materials: [MaterialId::BACKGROUND; 4], count: 0, outside: false };
-
-    fn add(&mut self, material: MaterialId) {
-        if material == MaterialId::OUTSIDE {
-            self.outside = true;
-        } else if self.count < 4 && !self.materials[..self.count].contains(&material) {
-            self.materials[self.count] = material;
-            self.count += 1;
-        }
-    }
-
-    fn kind(&self, on_border: bool, border: Border) -> VertexKind {
-        VertexKind::new(self.count + usize::from(self.outside && border == Border::Closed), on_border)
-    }
-}
-
 /// The vertices of a root, and the vertex of each of its leaves, numbered from 0.
 fn of_root(
     forest: &Forest,
     index: usize,
     root: &Root,
     placement: Placement,
-    border: Border,
     pinned: &[u32],
 ) -> (Vec<Vertex>, Vec<u32>) {
     let leaves = &forest.leaves;
@@ -128,7 +99,6 @@ fn of_root(
                     owner,
                     root: index as u32,
                     position: DVec3::ZERO,
-                    kind: VertexKind::Interface,
                     fixed,
                     qef: Qef::default(),
                     pinned: crowded || matches!(owner, Owner::Leaf(l) if pinned.binary_search(&l).is_ok()),
@@ -138,15 +108,13 @@ fn of_root(
         };
         of_leaf[(leaf - first) as usize] = number;
     }
-    let mut meetings = vec![Meeting::NONE; out.len()];
     leaves.crossings_of(root, |_, crossing, at| {
         for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
             let v = of_leaf[(leaf - first) as usize] as usize;
             out[v].qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
-            crossing.labels.into_iter().for_each(|label| meetings[v].add(label));
         }
     });
-    for (vertex, meeting) in out.iter_mut().zip(&meetings) {
+    for vertex in &mut out {
         let bounds = forest.block(vertex.owner).bounds(&leaves.grid);
         let place = Place { bounds, fixed: vertex.fixed };
         vertex.position = match vertex.owner {
@@ -154,7 +122,6 @@ fn of_root(
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
             Owner::Leaf(_) => placement.vertex(&vertex.qef, &place),
         };
-        vertex.kind = meeting.kind(vertex.fixed.iter().any(Option::is_some), border);
     }
     // Caps lie between the middle of their sheet's crossings and the corners that they cut off.
     for sheet in caps.chunk_by(|a, b| a.main == b.main) {
