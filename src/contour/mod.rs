@@ -5,6 +5,7 @@
 //! [`marching`] walks the cells, all at once or piece by piece; [`merge`] puts [`Piece`]s together. See `docs/contouring.md`.
 
 mod crossing;
+mod dual;
 mod error;
 mod hermite;
 mod isosurface;
