@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::check::has_shell;
-use super::edge_table::{EdgeTable, EdgeUse};
 use super::measure::{PieceMeasure, ShellMeasure};
 use super::tables::Tables;
 use super::window::Window;
 use crate::grid::MaterialId;
+use crate::triangle::{EdgeTable, EdgeUse};
 
 /// The pieces of one material's shell.
 #[derive(Debug, Clone)]

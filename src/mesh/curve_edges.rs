@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::edge_table::{EdgeTable, EdgeUse};
 use super::tables::Tables;
 use super::window::Window;
 use crate::grid::{MaterialId, VertexKind};
+use crate::triangle::{EdgeTable, EdgeUse};
 
 /// An edge of a curve.
 #[derive(Debug, Clone, Copy)]

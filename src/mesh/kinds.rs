@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::vertex_table::VertexTable;
 use crate::grid::{MaterialId, Pair, VertexKind};
+use crate::triangle::VertexTable;
 
 /// The kind of each of `vertices` vertices: how many materials its triangles name, with `OUTSIDE`
 /// counted as one and meaning the border. Each pair belongs to the triangle at its place.

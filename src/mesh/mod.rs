@@ -8,8 +8,6 @@ mod curve_vertices;
 mod cut;
 #[cfg(test)]
 mod cut_tests;
-mod edge_table;
-mod filed;
 #[cfg(test)]
 pub(crate) mod fixtures;
 mod from_patch;
@@ -25,7 +23,6 @@ mod report;
 mod split;
 mod split_pieces;
 mod tables;
-mod vertex_table;
 mod window;
 
 pub use check::{CheckOptions, Defects, check};

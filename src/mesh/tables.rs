@@ -1,8 +1,7 @@
 //! The tables that all work on a window shares.
 
-use super::edge_table::EdgeTable;
-use super::vertex_table::VertexTable;
 use super::window::Window;
+use crate::triangle::{EdgeTable, VertexTable};
 
 /// Edges and vertices of a window, each with the triangles round it.
 pub(crate) struct Tables {

@@ -34,13 +34,15 @@ pub(crate) struct Search<'a> {
     stage: Option<&'static str>,
 }
 
+/// Whether a triangle has no area: exactly, or because it repeats a vertex.
+pub(crate) fn is_without_area(positions: &[DVec3], [a, b, c]: [u32; 3]) -> bool {
+    let corners = [a, b, c].map(|v| positions[v as usize]);
+    a == b || b == c || c == a || is_degenerate(&corners)
+}
+
 /// Flags the triangles without area, which [`Search`] must leave out.
 pub(crate) fn without_area(positions: &[DVec3], triangles: &[[u32; 3]]) -> Vec<bool> {
-    let flat = |&[a, b, c]: &[u32; 3]| {
-        let corners = [a, b, c].map(|v| positions[v as usize]);
-        a == b || b == c || c == a || is_degenerate(&corners)
-    };
-    triangles.par_iter().map(flat).collect()
+    triangles.par_iter().map(|&t| is_without_area(positions, t)).collect()
 }
 
 impl<'a> Search<'a> {

@@ -1,14 +1,19 @@
-//! Triangles in space, whatever mesh they belong to: their shape, exact tests of how two of them lie, and
-//! the search for all pairs that meet where they must not.
+//! Triangles in space, whatever mesh they belong to: their shape, tables of their edges and vertices, exact
+//! tests of how two of them lie, and the search for all pairs that meet where they must not.
 //!
 //! A layer of its own because contouring mends its mesh with what the check of a mesh judges it by: the
 //! same predicates, the same rule, the same search.
 
+mod edge_table;
+mod filed;
 mod meetings;
 mod shape;
 mod size_trees;
 mod triangle_pair;
+mod vertex_table;
 
-pub(crate) use meetings::{Search, without_area};
+pub(crate) use edge_table::{EdgeTable, EdgeUse};
+pub(crate) use meetings::{Search, is_without_area, without_area};
 pub use shape::{smallest_angle, triangle_quality};
 pub(crate) use triangle_pair::{Plane, side};
+pub(crate) use vertex_table::VertexTable;

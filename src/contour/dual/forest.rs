@@ -100,15 +100,17 @@ impl Forest {
         }
     }
 
+    /// The node that a leaf or node became part of, or [`NONE`].
+    pub(super) fn parent(&self, owner: Owner) -> u32 {
+        match owner {
+            Owner::Leaf(leaf) => self.parents[leaf as usize],
+            Owner::Node(node) => self.nodes[node as usize].parent,
+        }
+    }
+
     /// Splits a node that is a vertex: its parts become vertices.
     pub(super) fn split(&mut self, node: u32) {
         self.split[node as usize] = true;
-    }
-
-    /// Whether a node is a vertex: it was not split, and all above it were.
-    pub(super) fn is_vertex(&self, node: u32) -> bool {
-        let parent = self.nodes[node as usize].parent;
-        !self.split[node as usize] && (parent == NONE || self.split[parent as usize])
     }
 
     /// The nodes of a root, given by its index.

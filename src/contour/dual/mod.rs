@@ -4,6 +4,7 @@
 //! [`Builder`] takes the volume's layers one after the other; [`Builder::finish`] makes the surface.
 
 mod build;
+mod flips;
 mod forest;
 mod grading;
 mod knots;
@@ -12,6 +13,8 @@ mod octree;
 mod placement;
 mod polygons;
 mod qef;
+mod relax;
+mod remedy;
 mod roots;
 mod surface;
 mod topology;

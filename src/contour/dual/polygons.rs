@@ -5,7 +5,7 @@
 //! (000_f7f54f44c17ac186 eq. 14). A polygon that passes a knot that needs a vertex, and one that the remedy
 //! asks for, becomes a *star*: a fan from its crossing.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::forest::Forest;
@@ -26,6 +26,8 @@ pub(super) struct Choices {
     pub(super) stars: Vec<u32>,
     /// Leaves at the mean of their crossings.
     pub(super) pinned: Vec<u32>,
+    /// Where relaxation put leaves, in lengths about the middle of their root.
+    pub(super) moved: Vec<(u32, Vec3)>,
 }
 
 /// A surface of triangles, in the world, mm.
@@ -68,7 +70,7 @@ impl Extra<'_> {
 }
 
 /// The vertices of a ring in order, what became one only once; returns how many.
-fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
+pub(super) fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
     let ring = ring.map(|leaf| vertices.of_leaf[leaf as usize]);
     let mut out = [NONE; 4];
     let mut count = 0;

@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use crate::contour::crossing::CROSSING_MARGIN;
 use crate::grid::Geometry;
 
 /// Levels of nodes above a cell.
@@ -80,11 +81,12 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The block's corners in lengths, about the middle of its root.
+    /// The corners of what a vertex of the block may take, in lengths about the middle of its root: the block
+    /// but for a margin, so that vertices of different blocks are different points.
     pub(super) fn bounds(self, grid: &RootGrid) -> [DVec3; 2] {
-        let low = place(self.low).map(|c| c as f64 - (SIDE / 2) as f64);
-        let low = DVec3::from(low);
-        [low * grid.cell, (low + f64::from(1u32 << self.level)) * grid.cell]
+        let low = DVec3::from(place(self.low).map(|c| c as f64 - (SIDE / 2) as f64));
+        let (margin, side) = (f64::from(CROSSING_MARGIN), f64::from(1u32 << self.level));
+        [(low + margin) * grid.cell, (low + side - margin) * grid.cell]
     }
 }
 

@@ -5,12 +5,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Builder;
+use super::flips::{FlipMesh, FlipOptions, flip};
 use super::forest::Forest;
 use super::grading::grade;
 use super::octree::{Bound, Collapses, Placement};
 use super::placement::World;
-use super::polygons::{Choices, Triangles, triangulate};
-use super::vertices::Vertices;
+use super::polygons::Triangles;
+use super::remedy::{Making, Remedy, mend};
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
 use crate::execution::Execution;
@@ -39,6 +40,10 @@ pub struct Statistics {
     pub collapses: Collapses,
     /// Nodes split by grading.
     pub graded: u64,
+    /// What was done about triangles that met.
+    pub remedy: Remedy,
+    /// Edges flipped for better triangles.
+    pub flips: u64,
 }
 
 /// A labelled surface in the world.
@@ -74,11 +79,25 @@ impl Builder {
         drop(stage);
         let graded = grade(&mut forest);
         execution.check()?;
-        let world = World::new(geometry, &forest.leaves.grid);
-        let choices = Choices::default();
-        let vertices = Vertices::new(&forest, options.placement, &choices.pinned);
-        let made = triangulate(&forest, &vertices, &forest.leaves.knots, &choices, &world, border);
-        let statistics = Statistics { collapses: forest.collapses, graded };
+        let grid = forest.leaves.grid.clone();
+        let world = World::new(geometry, &grid);
+        let DualOptions { bound, placement } = *options;
+        let making = Making { bound, placement, border, world: &world, execution };
+        let (_, mut made, remedy) = mend(&mut forest, making)?;
+        let mut flips = 0;
+        if bound != Bound::None {
+            let tolerance = match bound {
+                Bound::Rms(rms) => rms,
+                // A plane's distance that a vertex of a few crossings may have.
+                Bound::Sum(sum) => (sum / 16.0).sqrt(),
+                Bound::None => 0.0,
+            };
+            let options =
+                FlipOptions { tolerance: tolerance * geometry.voxel_edge(), angle: 15.0, rounds: 8 };
+            let mesh = FlipMesh { positions: &made.positions, pairs: &made.pairs, locked: &[] };
+            flips = flip(mesh, &mut made.triangles, &options, execution)?.count() as u64;
+        }
+        let statistics = Statistics { collapses: forest.collapses, graded, remedy, flips };
         Ok(finished(made, geometry, statistics))
     }
 }

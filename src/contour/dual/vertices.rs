@@ -6,7 +6,9 @@ use rayon::prelude::*;
 use super::forest::{Forest, Owner};
 use super::leaves::{NONE, Root, flag, weight};
 use super::octree::Placement;
+use super::polygons::Choices;
 use super::qef::{Place, Qef};
+use super::remedy::moved;
 use super::roots::{SIDE, place};
 use crate::grid::cube::{CORNERS, corner_offset};
 
@@ -35,10 +37,10 @@ pub(super) struct Vertices {
 }
 
 impl Vertices {
-    /// The vertices of a forest as it is. Leaves in `pinned` (ascending) lie at the mean of their crossings.
-    pub(super) fn new(forest: &Forest, placement: Placement, pinned: &[u32]) -> Self {
+    /// The vertices of a forest as it is, with what was decided about leaves.
+    pub(super) fn new(forest: &Forest, placement: Placement, choices: &Choices) -> Self {
         let by_root: Vec<(Vec<Vertex>, Vec<u32>)> =
-            forest.roots().map(|(i, root)| of_root(forest, i, root, placement, pinned)).collect();
+            forest.roots().map(|(i, root)| of_root(forest, i, root, placement, choices)).collect();
         let mut out = Self::default();
         out.all.reserve(by_root.iter().map(|(v, _)| v.len()).sum());
         out.of_leaf.reserve(forest.leaves.places.len());
@@ -57,7 +59,7 @@ fn of_root(
     index: usize,
     root: &Root,
     placement: Placement,
-    pinned: &[u32],
+    choices: &Choices,
 ) -> (Vec<Vertex>, Vec<u32>) {
     let leaves = &forest.leaves;
     let first = root.leaves.start;
@@ -101,7 +103,8 @@ fn of_root(
                     position: DVec3::ZERO,
                     fixed,
                     qef: Qef::default(),
-                    pinned: crowded || matches!(owner, Owner::Leaf(l) if pinned.binary_search(&l).is_ok()),
+                    pinned: crowded
+                        || matches!(owner, Owner::Leaf(l) if choices.pinned.binary_search(&l).is_ok()),
                 });
                 number
             }
@@ -120,7 +123,10 @@ fn of_root(
         vertex.position = match vertex.owner {
             _ if vertex.pinned => place.clamp(vertex.qef.mass_point()),
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
-            Owner::Leaf(_) => placement.vertex(&vertex.qef, &place),
+            Owner::Leaf(leaf) => match moved(&choices.moved, leaf) {
+                Some(at) => place.clamp(at.as_dvec3()),
+                None => placement.vertex(&vertex.qef, &place),
+            },
         };
     }
     // Caps lie between the middle of their sheet's crossings and the corners that they cut off.

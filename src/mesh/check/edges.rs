@@ -8,9 +8,8 @@ use super::defects::{Defects, EdgeDefect};
 use super::{ShellCounts, Wrong, has_shell, pair_defect};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
-use crate::mesh::edge_table::{EdgeTable, EdgeUse};
 use crate::mesh::window::Window;
-use crate::triangle::{Plane, side};
+use crate::triangle::{EdgeTable, EdgeUse, Plane, side};
 
 /// Checks the edges that the window owns and enters what is wrong in `defects` and `counts`.
 pub(super) fn check(

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::*;
-use crate::mesh::edge_table::EdgeTable;
 use crate::mesh::fixtures::{mesh, pair, parts, voxel_faces};
+use crate::triangle::EdgeTable;
 
 fn found(m: &InterfaceMesh) -> Defects {
     check(m, &CheckOptions::default(), &Execution::default()).unwrap()

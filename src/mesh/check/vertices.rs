@@ -6,8 +6,8 @@ use super::defects::{Defects, Listed, VertexDefect};
 use super::{ShellCounts, Wrong, has_shell};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::{MaterialId, Pair};
-use crate::mesh::vertex_table::VertexTable;
 use crate::mesh::window::Window;
+use crate::triangle::VertexTable;
 
 /// How many vertices one parallel task handles.
 const CHUNK: usize = 1 << 14;
