@@ -11,7 +11,7 @@ use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, Hermite, HermiteRule, Patch};
 use interfacet::execution::Execution;
 use interfacet::grid::{Geometry, MaterialId};
-use interfacet::mesh::{InterfaceMesh, MeshMaterial, measure};
+use interfacet::mesh::{CheckOptions, InterfaceMesh, MeshMaterial, check, measure};
 use proptest::prelude::*;
 use sound::assert_sound;
 use wild::{Wild, lumps, mix};
@@ -91,7 +91,14 @@ fn assert_all_bounds(labels: &[u8], size: [usize; 3], seed: u64, border: Border)
             let surface = contour(&volume, &geometry, &rule, bound, border);
             let what = || format!("{bound:?} {size:?} seed {seed} {border:?}");
             assert_sound(&patch(&surface), ids.len(), border, &what);
-            if border == Border::Closed && !surface.triangles.is_empty() {
+            if surface.triangles.is_empty() {
+                return 0;
+            }
+            let defects =
+                check(&mesh(&surface, ids.len()), &CheckOptions::default(), &Execution::default()).unwrap();
+            assert_eq!(defects.self_intersections.count, surface.statistics.remedy.left, "{}", what());
+            assert_eq!(surface.statistics.remedy.left, 0, "{} {:?}", what(), surface.statistics);
+            if border == Border::Closed {
                 let found = topology(&surface, ids.len());
                 assert_eq!(*expected.get_or_insert_with(|| found.clone()), found, "{}", what());
             }
