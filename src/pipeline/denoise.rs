@@ -14,6 +14,9 @@ use crate::volume::{Denoise, Denoised, MemorySource, VolumeSource};
 /// Its name as a stage.
 pub(super) const STAGE: &str = "removing noise";
 
+/// Slices filtered at a time where every pass filters again.
+const AGAIN: usize = 8;
+
 /// What was done about noise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DenoiseFound {
@@ -67,7 +70,8 @@ pub(super) fn denoise<'a>(
         let clean = match (keep, scratch) {
             (true, _) => Clean::Memory(denoised.in_memory(execution, &stage)?),
             (false, Some(folder)) => Clean::File(denoised.in_file(folder, execution, &stage)?),
-            (false, None) => Clean::Again(denoised),
+            // Beside all that a later stage holds.
+            (false, None) => Clean::Again(denoised.with_slices(slices.min(AGAIN))),
         };
         let noise_after = read_noise(clean.source(), execution)?;
         Ok((clean, DenoiseFound { used, noise_before, noise_after }))
