@@ -4,26 +4,31 @@
 //! [`Execution`] allows, and the mesh leaves in pieces: `docs/scale.md`. Slabs, pieces and threads change
 //! no bit of the result.
 
+mod denoise;
 mod error;
 mod memory_plan;
 mod options;
 mod sink;
 mod surface;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
 
 use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabPlan, classify_slabs, halo};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, Found, MAX_ESTIMATED_RADIUS, MaterialTable, Rejected, Survey, radius_per_axis, read_blur,
+    Blur, Found, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, SliceThresholds, Survey,
+    TwoClasses, radius_per_axis, read_blur,
 };
 use crate::mesh::{InterfaceMesh, MeshMaterial};
-use crate::volume::{Sample, SampleWindow, VolumeSource};
+use crate::volume::{Denoised, Sample, SampleWindow, VolumeSource};
 use crate::with_sample_type;
 
+pub use denoise::DenoiseFound;
 pub use error::PipelineError;
-pub use options::{MaterialChoice, NamedGrey, PipelineOptions};
+pub use options::{IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold};
 pub use sink::{MeshSink, SinkError};
 
 use memory_plan::MemoryPlan;
@@ -36,10 +41,14 @@ use surface::{Crossings, Surface};
 pub struct Findings {
     /// Where the volume lies.
     pub geometry: Geometry,
+    /// What was done about noise; `None` if nothing was.
+    pub denoise: Option<DenoiseFound>,
     /// The materials used.
     pub materials: MaterialTable,
     /// Modes of the histogram that were not taken for materials.
     pub rejected: Vec<Rejected>,
+    /// The one grey value that parts two materials; `None` for other choices of materials.
+    pub iso: Option<IsoFound>,
     /// The blur and the radius used; `None` for a volume of labels.
     pub blur: Option<Blur>,
     /// Voxels per class after each pass; `None` for a volume of labels.
@@ -48,6 +57,15 @@ pub struct Findings {
     pub voxels: Vec<u64>,
     /// What each stage cost.
     pub costs: CostLog,
+}
+
+/// The grey value of the surface between two materials that are parted by it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct IsoFound {
+    /// The grey value.
+    pub grey: f64,
+    /// How it was found; `None` if it was given.
+    pub otsu_mode: Option<OtsuMode>,
 }
 
 /// A mesh and all that was found on the way to it.
@@ -104,8 +122,56 @@ pub fn extract_into(
     sink: &mut dyn MeshSink,
 ) -> Result<Findings, PipelineError> {
     options.check(source.geometry())?;
-    execution.plan(&[&STAGES, sink.stages()].concat());
-    with_sample_type!(source.sample_type(), S => Run::<S>::new(source, options, execution, scratch, sink.memory())?.run(sink))
+    let Some(filter) = options.denoise else {
+        execution.plan(&[&STAGES, sink.stages()].concat());
+        return run(source, options, execution, scratch, plan(source, options, execution, sink)?, sink);
+    };
+    execution.plan(&[&[(denoise::STAGE, 4.0)], &STAGES[..], sink.stages()].concat());
+    let (seen, mut costs) = (Denoised::new(source, filter)?, CostLog::default());
+    let memory = plan(&seen, options, execution, sink)?;
+    let (clean, found) = denoise::denoise(source, filter, execution, scratch, &memory, &mut costs)?;
+    let memory = memory.reading(clean.reading());
+    let mut findings = run(clean.source(), options, execution, scratch, memory, sink)?;
+    costs.stages.append(&mut findings.costs.stages);
+    Ok(Findings { denoise: Some(found), costs, ..findings })
+}
+
+/// The memory plan of a run on `source`, with what is not known yet taken to be at the upper end of the usual.
+fn plan(
+    source: &dyn VolumeSource,
+    options: &PipelineOptions,
+    execution: &Execution,
+    sink: &dyn MeshSink,
+) -> Result<MemoryPlan, PipelineError> {
+    let geometry = source.geometry();
+    let (budget, slab) = (execution.memory(), execution.slab());
+    let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
+    let materials = match &options.materials {
+        MaterialChoice::Given(given) => given.len(),
+        MaterialChoice::Find { count, names } => count.unwrap_or(names.len().max(4)),
+        MaterialChoice::Labels => 3,
+        MaterialChoice::Threshold(_) => 2,
+    };
+    let radius = options.radius.unwrap_or(MAX_ESTIMATED_RADIUS);
+    let halo = halo(radius_per_axis(radius, geometry));
+    memory.check(materials, halo, sink.memory())?;
+    Ok(memory)
+}
+
+/// A run on a volume as it is.
+fn run(
+    source: &dyn VolumeSource,
+    options: &PipelineOptions,
+    execution: &Execution,
+    scratch: Option<&Path>,
+    memory: MemoryPlan,
+    sink: &mut dyn MeshSink,
+) -> Result<Findings, PipelineError> {
+    with_sample_type!(source.sample_type(), S => {
+        let window = SampleWindow::<S>::new(source, execution)?;
+        let costs = CostLog::default();
+        Run { source, options, execution, scratch, memory, window, costs }.run(sink)
+    })
 }
 
 /// A run on a volume with samples of type `S`.
@@ -119,33 +185,11 @@ struct Run<'a, S> {
     costs: CostLog,
 }
 
-impl<'a, S: Sample> Run<'a, S> {
-    fn new(
-        source: &'a dyn VolumeSource,
-        options: &'a PipelineOptions,
-        execution: &'a Execution,
-        scratch: Option<&'a Path>,
-        sink: u64,
-    ) -> Result<Self, PipelineError> {
-        let geometry = source.geometry();
-        let (budget, slab) = (execution.memory(), execution.slab());
-        let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
-        // What is not known yet is taken to be at the upper end of the usual.
-        let materials = match &options.materials {
-            MaterialChoice::Given(given) => given.len(),
-            MaterialChoice::Find { count, names } => count.unwrap_or(names.len().max(4)),
-            MaterialChoice::Labels => 3,
-        };
-        let radius = options.radius.unwrap_or(MAX_ESTIMATED_RADIUS);
-        let halo = halo(radius_per_axis(radius, geometry));
-        memory.check(materials, halo, sink)?;
-        let window = SampleWindow::new(source, execution)?;
-        Ok(Self { source, options, execution, scratch, memory, window, costs: CostLog::default() })
-    }
-
+impl<S: Sample> Run<'_, S> {
     fn run(self, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
         match &self.options.materials {
             MaterialChoice::Labels => self.labels(sink),
+            MaterialChoice::Threshold(threshold) => self.level(threshold, sink),
             choice => self.greys(choice, sink),
         }
     }
@@ -175,8 +219,10 @@ impl<'a, S: Sample> Run<'a, S> {
         )?;
         Ok(Findings {
             geometry,
+            denoise: None,
             materials,
             rejected,
+            iso: None,
             blur: Some(blur),
             voxels: counts.labelled.clone(),
             classification: Some(counts),
@@ -212,7 +258,72 @@ impl<'a, S: Sample> Run<'a, S> {
         let voxels = ids.voxels().to_vec();
         surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
         let (rejected, blur, classification) = (Vec::new(), None, None);
-        Ok(Findings { geometry, materials, rejected, blur, classification, voxels, costs: self.costs })
+        Ok(Findings {
+            geometry,
+            denoise: None,
+            materials,
+            rejected,
+            iso: None,
+            blur,
+            classification,
+            voxels,
+            costs: self.costs,
+        })
+    }
+
+    /// Two materials: the surface of one grey value, which is given or found (Li et al. §2.2).
+    fn level(mut self, threshold: &Threshold, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
+        let geometry = self.source.geometry().clone();
+        let (slices, stage) = (self.survey_slices()?, self.execution.stage(STAGES[0].0, 0));
+        let window = &mut self.window;
+        let found = self.costs.measure("materials", || {
+            let (grey, otsu_mode) = match threshold.iso {
+                IsoValue::Given(iso) => (iso, None),
+                IsoValue::OtsuMode => {
+                    let mode = SliceThresholds::read(window, slices)?.mode()?;
+                    (mode.grey, Some(mode))
+                }
+            };
+            Ok::<_, PipelineError>((
+                IsoFound { grey, otsu_mode },
+                TwoClasses::read(window, grey as f32, slices)?,
+            ))
+        });
+        drop(stage);
+        let (iso, classes) = found?;
+        let mut materials = classes.table()?;
+        if !threshold.names.is_empty() {
+            materials = materials.renamed(&threshold.names)?;
+        }
+        // Labels are made as they are needed: nothing of them is kept.
+        let plan = SlabPlan { slices, steps: 1, scratch: Some(PathBuf::new()) };
+        let surface = Surface {
+            geometry: &geometry,
+            materials: MeshMaterial::from_table(&materials),
+            border: self.options.border,
+            slices: slices.min(self.memory.contouring(materials.count(), &plan)?),
+            piece: self.memory.piece,
+            execution: self.execution,
+        };
+        surface.extract(
+            &mut self.window,
+            Crossings::Level { iso: iso.grey as f32 },
+            sink,
+            &mut self.costs,
+        )?;
+        let (voxels, rejected) = (classes.voxels().to_vec(), Vec::new());
+        let (blur, classification) = (None, None);
+        Ok(Findings {
+            geometry,
+            denoise: None,
+            materials,
+            rejected,
+            iso: Some(iso),
+            blur,
+            classification,
+            voxels,
+            costs: self.costs,
+        })
     }
 
     /// The materials of a grey volume, found or as given, with their noise measured.
@@ -237,7 +348,9 @@ impl<'a, S: Sample> Run<'a, S> {
                 check_vertices(survey.crossings(&found.table))?;
                 Ok(found)
             }
-            MaterialChoice::Labels => Ok(Survey::read(window, None, slices)?.find_materials(None)?),
+            MaterialChoice::Labels | MaterialChoice::Threshold(_) => {
+                Ok(Survey::read(window, None, slices)?.find_materials(None)?)
+            }
         });
         drop(stage);
         found

@@ -259,6 +259,23 @@ fn options_out_of_range_are_refused() {
         ("--threads 0", 1, &["--threads 0", "between 1 and 1024", "leave it out"]),
         ("--threads 100000", 1, &["--threads 100000", "between 1 and 1024"]),
         ("--count 3 --labels", 2, &["--count", "--labels", "cannot be used"]),
+        ("--iso 3 --labels", 2, &["--iso", "--labels", "cannot be used"]),
+        ("--iso 3 --threshold otsu-mode", 2, &["--iso", "--threshold", "cannot be used"]),
+        ("--threshold otsu-mode --count 2", 2, &["--threshold", "--count", "cannot be used"]),
+        ("--threshold otsu-mode --material a=1", 2, &["--threshold", "--material", "cannot be used"]),
+        ("--iso 3 --radius 2", 2, &["--iso", "--radius", "cannot be used"]),
+        ("--threshold otsu", 2, &["otsu-mode"]),
+        ("--iso nan", 1, &["iso value NaN", "finite", "--iso"]),
+        ("--iso 4000", 1, &["iso value 4000", "from 4000 to 40063", "--iso"]),
+        ("--iso 50000", 1, &["iso value 50000", "up to 40063"]),
+        ("--iso 9000 --names air", 1, &["1 names", "2 materials"]),
+        ("--denoise blur", 2, &["`blur` is no filter", "bilateral", "none"]),
+        ("--denoise bilateral:width=3", 2, &["`width` is unknown", "sigma, grey"]),
+        ("--denoise bilateral:sigma=-1", 2, &["sigma -1", "above 0"]),
+        ("--denoise bilateral:grey=nan", 2, &["grey NaN", "above 0"]),
+        ("--denoise median:radius=17", 1, &["17 voxels", "16 is the most", "smaller radius"]),
+        ("--denoise mean:radius=0.5mm", 1, &["no other voxel", "larger radius"]),
+        ("--denoise mean --labels", 1, &["labels have no noise", "--denoise"]),
     ] {
         work.fails(&format!("good.raw {RAW} {option}"), code, words);
     }

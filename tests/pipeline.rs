@@ -4,9 +4,11 @@ use std::path::Path;
 use std::process::Command;
 
 use interfacet::contour::Border;
+use interfacet::pipeline::{IsoValue, Threshold};
+use interfacet::volume::Denoise;
 use interfacet::{
     Execution, Extraction, Geometry, MaterialChoice, MemorySource, NamedGrey, PipelineOptions, Samples,
-    extract,
+    VolumeSource, extract,
 };
 
 const SIZE: usize = 48;
@@ -88,4 +90,63 @@ fn an_open_border_is_no_defect_and_is_counted() {
     assert!(boundary.as_u64() > Some(100), "{boundary}");
     let (good, report) = interfacet(&["--roi", "0:36,:,:"]);
     assert!(good && report["defect_count"] == 0 && report["non_manifold_edges"]["boundary_edges"] == 0);
+}
+
+/// Slices of a cylinder of grey 160 in air of grey 40 with noise; the first and last third are empty.
+fn cylinder() -> MemorySource {
+    let samples = (0..SIZE.pow(3)).map(|i| {
+        let p = [i % SIZE, i / SIZE % SIZE, i / (SIZE * SIZE)];
+        let radius = (p[0] as f64 - 23.4).hypot(p[1] as f64 - 24.1);
+        let inside = if (16..32).contains(&p[2]) { (14.5 - radius).clamp(0.0, 1.0) } else { 0.0 };
+        let noise: u64 = (0..4).map(|k| (i as u64 * 4 + k).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 59).sum();
+        (40.0 + 120.0 * inside + 0.5 * noise as f64 - 31.0) as f32
+    });
+    let geometry = Geometry::axis_aligned([SIZE; 3], [0.2; 3]).expect("geometry");
+    MemorySource::new(geometry, Samples::F32(samples.collect())).expect("volume")
+}
+
+#[test]
+fn one_grey_value_makes_two_materials() {
+    let threshold =
+        |iso| MaterialChoice::Threshold(Threshold { iso, names: vec!["air".into(), "steel".into()] });
+    let run = |iso| {
+        let options = PipelineOptions { materials: threshold(iso), ..PipelineOptions::default() };
+        extract(&cylinder(), &options, &Execution::default()).expect("an extraction")
+    };
+    let found = run(IsoValue::OtsuMode);
+    let iso = found.findings.iso.clone().expect("an iso value");
+    let mode = iso.otsu_mode.expect("how it was found");
+    assert_eq!((mode.slices, mode.with_two_classes), (48, 16));
+    assert!((80.0..120.0).contains(&iso.grey) && mode.agreeing >= 2, "{iso:?} {mode:?}");
+    let given = run(IsoValue::Given(iso.grey));
+    assert_eq!(given.findings.iso.as_ref().map(|iso| (iso.grey, &iso.otsu_mode)), Some((iso.grey, &None)));
+    assert!(given.mesh == found.mesh);
+    let materials = given.findings.materials.materials();
+    assert_eq!(materials[1].name, "steel");
+    let counted =
+        cylinder().in_memory().map(|s| (0..s.len()).filter(|i| s.get(*i) >= iso.grey as f32).count());
+    assert_eq!(Some(given.findings.voxels[1] as usize), counted);
+    assert_eq!(given.findings.voxels.iter().sum::<u64>(), SIZE.pow(3) as u64);
+    assert!(
+        (materials[0].mean - 40.0).abs() < 2.0 && (materials[1].mean - 160.0).abs() < 4.0,
+        "{materials:?}"
+    );
+}
+
+#[test]
+fn the_filter_comes_first_and_its_noise_is_told() {
+    let filter: Denoise = "bilateral".parse().expect("a filter");
+    let options = PipelineOptions { denoise: Some(filter), ..PipelineOptions::default() };
+    let run = |options: &PipelineOptions| {
+        extract(&cylinder(), options, &Execution::default()).expect("an extraction").findings
+    };
+    let (raw, clean) = (run(&PipelineOptions::default()), run(&options));
+    let found = clean.denoise.expect("what was done");
+    let noise = |m: &interfacet::material::Material| m.sigma.expect("noise");
+    let (before, after) = (&raw.materials.materials()[0], &clean.materials.materials()[0]);
+    assert!((found.noise_before / noise(before) - 1.0).abs() < 0.15, "{found:?} {before:?}");
+    assert!(found.noise_after < 0.5 * found.noise_before && noise(after) < 0.5 * noise(before), "{found:?}");
+    assert_eq!(found.used, filter.with_noise(found.noise_before));
+    assert_eq!(clean.costs.stages[0].stage, "denoise");
+    assert_eq!(raw.denoise, None);
 }

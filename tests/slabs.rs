@@ -10,8 +10,8 @@ use common::{assert_same, shared};
 use interfacet::classify::ClassifyError;
 use interfacet::grid::VoxelBox;
 use interfacet::mesh::{MeshMaterial, MeshMerger, MeshPiece};
-use interfacet::pipeline::{MeshSink, PipelineError, SinkError, extract_into};
-use interfacet::volume::{SampleType, VolumeError};
+use interfacet::pipeline::{IsoValue, MeshSink, PipelineError, SinkError, Threshold, extract_into};
+use interfacet::volume::{Denoise, SampleType, VolumeError};
 use interfacet::{
     Border, Execution, Extraction, Geometry, MaterialChoice, MemorySource, NamedGrey, PipelineOptions,
     Samples, VolumeSource, extract,
@@ -96,6 +96,8 @@ fn same(geometry: &Geometry, samples: &Samples, options: &PipelineOptions, cut: 
             assert_eq!(a.geometry, b.geometry);
             assert_eq!(a.materials, b.materials);
             assert_eq!(a.rejected, b.rejected);
+            assert_eq!(a.denoise, b.denoise);
+            assert_eq!(a.iso, b.iso);
             assert_eq!(a.blur, b.blur);
             assert_eq!(a.classification, b.classification);
             assert_eq!(a.voxels, b.voxels);
@@ -167,6 +169,12 @@ fn some_type() -> impl Strategy<Value = SampleType> {
     (0..4usize).prop_map(|i| TYPES[i])
 }
 
+/// None in most cases, so that the others are looked at as they are.
+fn some_filter() -> impl Strategy<Value = Option<Denoise>> {
+    let filters = ["bilateral", "median", "nlm:search=1.5", "gaussian:sigma=0.6", "mean"];
+    (0..12usize).prop_map(move |i| Some(filters.get(i)?.parse().unwrap()))
+}
+
 fn some_parts() -> impl Strategy<Value = Vec<([f64; 3], f64, bool, u8)>> {
     prop::collection::vec(
         ([0.0..1.0f64, 0.0..1.0f64, 0.0..1.0f64], 0.08..0.45f64, any::<bool>(), 0..4u8),
@@ -202,7 +210,8 @@ proptest! {
         soft in 0..4usize,
         noise in 0.0..8.0f64,
         sample in some_type(),
-        find in 0..4usize,
+        find in 0..6usize,
+        denoise in some_filter(),
         radius in prop::option::of(0.9..2.6f64),
         open: bool,
         seed: u64,
@@ -218,9 +227,11 @@ proptest! {
         let materials = match find {
             0 => MaterialChoice::default(),
             1 => MaterialChoice::Find { count: Some(3), names: Vec::new() },
+            2 => MaterialChoice::Threshold(Threshold::default()),
+            3 => MaterialChoice::Threshold(Threshold { iso: IsoValue::Given(to(110.5)), names: Vec::new() }),
             _ => given(to),
         };
-        let options = PipelineOptions { materials, radius, border: border(open) };
+        let options = PipelineOptions { materials, radius, border: border(open), denoise };
         let _ = same(&geometry, &samples, &options, cut);
     }
 
@@ -240,7 +251,7 @@ proptest! {
             [0.0, 3.0, 70.0, 200.0, 255.0][if other { 4 } else { usize::from(label) }]
         });
         let (samples, _) = samples(&labels.collect::<Vec<_>>(), sample);
-        let options = PipelineOptions { materials: MaterialChoice::Labels, radius: None, border: border(open) };
+        let options = PipelineOptions { materials: MaterialChoice::Labels, border: border(open), ..PipelineOptions::default() };
         let _ = same(&geometry, &samples, &options, cut);
     }
 }
@@ -263,8 +274,11 @@ fn long_thinning_and_settling_are_the_same_in_slabs() {
         let samples = Samples::U8(columns(size, seed));
         for (radius, slices) in [(2.0, 1), (2.5, 6), (3.0, 17)] {
             let cut = Cut { slices, threads: 2, piece: 1000, scratch: seed % 2 == 0 };
-            let options =
-                PipelineOptions { materials: given(|g| g), radius: Some(radius), border: Border::Closed };
+            let options = PipelineOptions {
+                materials: given(|g| g),
+                radius: Some(radius),
+                ..PipelineOptions::default()
+            };
             if let Ok(Extraction { findings, .. }) = same(&geometry, &samples, &options, cut) {
                 let counts = findings.classification.unwrap();
                 long += usize::from(counts.thinning_rounds > 8);
@@ -288,7 +302,8 @@ fn runs_that_must_fail_fail_alike_in_slabs() {
         }
         error.unwrap()
     };
-    let options = PipelineOptions { materials: given(|g| g), radius: Some(2.0), border: Border::Closed };
+    let options =
+        PipelineOptions { materials: given(|g| g), radius: Some(2.0), ..PipelineOptions::default() };
     let noise = voxels.clone().map(|i| GREYS[(mix(3, i) % 4) as usize] as u8).collect();
     let error = fails(&Samples::U8(noise), &options);
     assert!(matches!(error, PipelineError::Classify(ClassifyError::NoCore { .. })), "{error}");
@@ -348,8 +363,20 @@ fn too_little_memory_is_refused_before_anything_is_read() {
 }
 
 #[test]
+fn a_filtered_volume_and_one_grey_value_are_the_same_in_slabs() {
+    let ring = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/press_fit_ring.mha");
+    let ways: [&[&str]; 4] =
+        [&[], &["--slab", "1"], &["--slab", "19", "--threads", "1"], &["--memory", "600MiB"]];
+    assert_same(ring, &["--denoise", "bilateral", "--check", "topology"], &ways);
+    assert_same(ring, &["--threshold", "otsu-mode", "--denoise", "nlm:search=1", "--border", "open"], &ways);
+    assert_same(ring, &["--iso", "20000", "--roi", "5:60,:,11:70"], &ways);
+}
+
+#[test]
 fn an_engine_is_the_same_in_slabs() {
     let Some(input) = shared("engine/engine.mha") else { return };
+    let paper = ["--iso", "106", "--roi", ":,:,0:100", "--check", "topology"];
+    assert_same(&input, &paper, &[&[], &["--slab", "7", "--threads", "1"]]);
     assert_same(&input, &[], &[&[], &["--slab", "7", "--threads", "1"], &["--slab", "40"]]);
 }
 

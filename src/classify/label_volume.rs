@@ -86,8 +86,16 @@ impl LabelVolume {
     /// slab, and `OUTSIDE` beyond them where the volume ends.
     #[must_use]
     pub fn from_threshold<S: Sample>(slab: Slab<'_, S>, threshold: f32) -> Self {
-        let (size, held) = (slab.size(), slab.slices());
-        let mut out = Self::all_outside(size, 2, Self::with_ends(held.start + 1..held.end + 1, size));
+        let held = slab.slices();
+        Self::of_threshold(slab, threshold, Self::with_ends(held.start + 1..held.end + 1, slab.size()))
+    }
+
+    /// The labels of [`from_threshold`](Self::from_threshold) in the padded slices `slices`; the slab must
+    /// hold those among them that are not `OUTSIDE`.
+    #[must_use]
+    pub fn of_threshold<S: Sample>(slab: Slab<'_, S>, threshold: f32, slices: Range<usize>) -> Self {
+        let size = slab.size();
+        let mut out = Self::all_outside(size, 2, slices);
         let voxels: Vec<u64> = (0..out.codes.words()).map(|w| out.codes.voxel_mask(w)).collect();
         out.codes.fill_slices(|z, mut slice| {
             for y in 1..=size[1] {

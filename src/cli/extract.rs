@@ -16,10 +16,25 @@ use crate::contour::Border;
 use crate::execution::{Execution, available_memory};
 use crate::export::StagedFolder;
 use crate::mesh::CheckOptions;
-use crate::pipeline::{MaterialChoice, NamedGrey, PipelineOptions, extract_into};
+use crate::pipeline::{
+    DenoiseFound, IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold, extract_into,
+};
 use crate::report::{InputReport, ResultWriter, RunReport};
+use crate::volume::Denoise;
 
 const EXAMPLES: &str = "\
+Filters for --denoise, with the defaults of their parameters. Lengths are in voxels of mean edge
+length, or in millimetres as in 0.05mm; greys in grey values.
+  bilateral:sigma=1,grey=3*NOISE   keeps edges: the usual choice. sigma: how far it reaches;
+                                   grey: differences that it takes for noise
+  nlm:search=3,patch=1,grey=1.5*NOISE
+                                   non-local means; keeps edges and texture, slow. search: radius
+                                   of the search; patch: half the box that is compared
+  median:radius=1.5                for specks; loses thin parts
+  gaussian:sigma=1                 blurs edges as well
+  mean:radius=1                    blurs edges as well
+NOISE is the noise found in the volume, which report.json tells before and after.
+
 Examples:
   interfacet extract part.mha --out result
       finds the materials by itself and writes into the folder result:
@@ -34,6 +49,10 @@ Examples:
       samples without a header
   interfacet extract part.mha --material air=4000 --material alu=11600 --out result
       materials by name; `interfacet info part.mha` shows the grey values
+  interfacet extract part.mha --threshold otsu-mode --out result
+      a part of one material: the surface of one grey value, which is found (or given with --iso)
+  interfacet extract part.mha --denoise bilateral --out result
+      a noisy scan: the noise is filtered first
   interfacet extract segmented.mha --labels --out result
       a volume that another program has segmented
 ";
@@ -68,10 +87,24 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME,NAME,...", value_delimiter = ',', help_heading = "Materials", conflicts_with_all = ["material", "materials", "labels"])]
     names: Vec<String>,
 
+    /// Two materials, parted by one grey value that is found: the background below it, material at
+    /// or above it. `otsu-mode` takes Otsu's threshold of each slice, and of these the most frequent.
+    #[arg(long, value_enum, value_name = "HOW", help_heading = "Materials", conflicts_with_all = ["material", "materials", "count", "labels", "radius"])]
+    threshold: Option<ThresholdName>,
+
+    /// Two materials, parted by the grey value V: the surface is the isosurface of V.
+    #[arg(long, value_name = "V", allow_negative_numbers = true, help_heading = "Materials", conflicts_with_all = ["threshold", "material", "materials", "count", "labels", "radius"])]
+    iso: Option<f64>,
+
     /// The volume is segmented already: every different value is a material, the lowest the
     /// background. Crossings lie halfway between voxels.
     #[arg(long, help_heading = "Materials")]
     labels: bool,
+
+    /// Filter noise out of the volume before all else: bilateral, mean, gaussian, median, nlm or none.
+    /// Parameters follow as in `bilateral:sigma=0.05mm,grey=12`; see below.
+    #[arg(long, value_name = "FILTER", value_parser = parse_denoise, default_value = "none", help_heading = "Preprocessing")]
+    denoise: DenoiseArg,
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
     /// interfaces, smaller keeps thinner parts and sharper junctions.
@@ -107,6 +140,11 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum ThresholdName {
+    OtsuMode,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum BorderName {
     Closed,
     Open,
@@ -118,6 +156,14 @@ enum CheckName {
     Full,
     /// Closedness, orientation, manifoldness, degenerate triangles.
     Topology,
+}
+
+/// A filter, or `none`; a type of its own since clap reads options as arguments that may be missing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct DenoiseArg(Option<Denoise>);
+
+fn parse_denoise(text: &str) -> Result<DenoiseArg, String> {
+    if text == "none" { Ok(DenoiseArg(None)) } else { text.parse().map(|filter| DenoiseArg(Some(filter))) }
 }
 
 /// `NAME=GREY`.
@@ -143,8 +189,14 @@ struct MaterialsFile {
 
 impl Args {
     fn options(&self) -> anyhow::Result<PipelineOptions> {
+        let iso = match (self.iso, self.threshold) {
+            (Some(iso), _) => Some(IsoValue::Given(iso)),
+            (None, threshold) => threshold.map(|ThresholdName::OtsuMode| IsoValue::OtsuMode),
+        };
         let materials = if self.labels {
             MaterialChoice::Labels
+        } else if let Some(iso) = iso {
+            MaterialChoice::Threshold(Threshold { iso, names: self.names.clone() })
         } else if let Some(path) = &self.materials {
             let text = std::fs::read_to_string(path)
                 .with_context(|| format!("cannot read the materials file {}", path.display()))?;
@@ -161,7 +213,7 @@ impl Args {
             BorderName::Closed => Border::Closed,
             BorderName::Open => Border::Open,
         };
-        Ok(PipelineOptions { materials, radius: self.radius, border })
+        Ok(PipelineOptions { denoise: self.denoise.0, materials, radius: self.radius, border })
     }
 }
 
@@ -260,6 +312,20 @@ fn summary(out: &mut impl Write, folder: &Path, report: &RunReport) -> io::Resul
     if let Some(blur) = &report.blur {
         let [rx, ry, rz] = blur.radius;
         writeln!(out, "blur radius R {rx:.2} x {ry:.2} x {rz:.2} voxels")?;
+    }
+    if let Some(DenoiseFound { used, noise_before, noise_after }) = &report.denoise {
+        writeln!(out, "noise {noise_before:.3} before and {noise_after:.3} after {used}")?;
+    }
+    if let Some(iso) = &report.iso {
+        let found = iso.otsu_mode.as_ref().map_or_else(String::new, |mode| {
+            format!(
+                ", the mode of {} slices' Otsu thresholds ({} agree; {} slices have no two classes)",
+                mode.with_two_classes,
+                mode.agreeing,
+                mode.slices - mode.with_two_classes
+            )
+        });
+        writeln!(out, "iso value {}{found}", iso.grey)?;
     }
     match (report.unexpected_defects, report.options.border) {
         (0, Border::Closed) => writeln!(out, "no defects")?,

@@ -118,6 +118,11 @@ impl GreyCounts {
         (first..end).map(move |i| (self.first + i as f64 * self.width + shift, self.counts[i]))
     }
 
+    /// The distance between neighbouring values that are told apart.
+    pub(super) fn bin_width(&self) -> f64 {
+        self.width
+    }
+
     /// Mean and standard deviation.
     #[must_use]
     pub fn mean_and_deviation(&self) -> (f64, f64) {

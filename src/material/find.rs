@@ -96,6 +96,32 @@ pub enum FindError {
         /// The largest.
         high: f32,
     },
+    /// No slice with two classes of grey values.
+    #[error(
+        "none of the {slices} slices shows two classes of grey values, so Otsu's method has no threshold to offer; give one with --iso (`interfacet info` shows the histogram)"
+    )]
+    NoTwoClasses {
+        /// Slices of the volume.
+        slices: usize,
+    },
+    /// An iso value that is no number.
+    #[error("the iso value {iso} is not a finite number; give a grey value of the volume (--iso)")]
+    IsoNotFinite {
+        /// As given.
+        iso: f64,
+    },
+    /// An iso value that does not part the volume.
+    #[error(
+        "the iso value {iso} parts nothing: the grey values go from {low} to {high}, and material is what is at or above the iso value. Give one above {low} and up to {high} (--iso)"
+    )]
+    IsoOutside {
+        /// The iso value.
+        iso: f64,
+        /// The smallest grey value of the volume.
+        low: f32,
+        /// The largest.
+        high: f32,
+    },
     /// There is no memory for what must be kept of the volume.
     #[error("{bytes} bytes of memory to look for materials are not available")]
     Memory {

@@ -6,13 +6,16 @@ mod deep;
 mod find;
 mod histogram;
 mod neighbourhood;
+mod noise;
 #[cfg(test)]
 mod reference;
 mod sampling;
+mod slice_otsu;
 mod survey;
 #[cfg(test)]
 mod survey_tests;
 mod table;
+mod two_classes;
 
 pub use blur::{
     BLUR_HALO, Blur, DEFAULT_RADIUS, MAX_ESTIMATED_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, estimate_blur,
@@ -21,5 +24,8 @@ pub use blur::{
 pub use counts::GreyCounts;
 pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, default_name, find_materials};
 pub use histogram::Histogram;
+pub use noise::read_noise;
+pub use slice_otsu::{CONTRAST_SHARE, OtsuMode, SliceThresholds};
 pub use survey::{OutOfMemory, SURVEY_HALO, Survey, survey_bytes};
 pub use table::{Material, MaterialTable, MaterialTableError};
+pub use two_classes::TwoClasses;

@@ -8,7 +8,7 @@ use crate::contour::ContourError;
 use crate::execution::Cancelled;
 use crate::material::{FindError, MaterialTableError};
 use crate::mesh::MeshError;
-use crate::volume::VolumeError;
+use crate::volume::{DenoiseError, VolumeError};
 
 /// Why a volume did not become a mesh.
 #[derive(Debug, Error)]
@@ -29,6 +29,14 @@ pub enum PipelineError {
     /// The surface could not be extracted.
     #[error(transparent)]
     Contour(#[from] ContourError),
+    /// The filter against noise is not usable.
+    #[error(transparent)]
+    Denoise(#[from] DenoiseError),
+    /// A filter against noise, for labels.
+    #[error(
+        "labels have no noise that could be filtered: leave out --denoise, or --labels if these are grey values"
+    )]
+    DenoiseLabels,
     /// All voxels became one material.
     #[error(
         "every voxel was given to the material '{material}', so there is no interface; check the materials' grey values (`interfacet info` shows the histogram), or try a smaller --radius"

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use super::PipelineError;
 use crate::classify::{LabelStore, LabelVolume, SlabPlan};
 use crate::material::{BLUR_HALO, survey_bytes};
-use crate::volume::{SampleType, sweep_bytes};
+use crate::volume::{Denoised, SampleType, sweep_bytes};
 
 /// One part in so many of the budget is left to the allocator.
 const ALLOCATOR_SHARE: u64 = 8;
@@ -32,6 +32,8 @@ pub(super) struct MemoryPlan {
     sample: SampleType,
     /// Slices of a slab at most.
     most: usize,
+    /// Bytes for what is always there.
+    base: u64,
     /// Triangles of a piece of mesh at most, if it has more than one layer.
     pub(super) piece: usize,
 }
@@ -48,11 +50,16 @@ impl MemoryPlan {
         let most = slab.unwrap_or(size[2]).clamp(1, size[2]);
         // What the allocator keeps back of memory that was given back.
         let budget = budget.map(|bytes| bytes - bytes / ALLOCATOR_SHARE);
-        let mut plan = Self { budget, size, sample, most, piece: PIECE };
+        let mut plan = Self { budget, size, sample, most, base: BASE, piece: PIECE };
         while budget.is_some_and(|budget| plan.pieces() > budget / 4) && plan.piece > SMALLEST_PIECE {
             plan.piece /= 2;
         }
         plan
+    }
+
+    /// For a volume that takes `bytes` to read, beside what is read.
+    pub(super) fn reading(self, bytes: u64) -> Self {
+        Self { base: self.base + bytes, ..self }
     }
 
     /// Bytes for the pieces under way. A piece has a layer at least, and the layers at the volume's first and
@@ -69,7 +76,8 @@ impl MemoryPlan {
             let plan = self.slabs(materials, halo, Some(Path::new("")));
             let thin = SlabPlan { slices: 1, steps: SlabPlan::STEPS, scratch: Some(PathBuf::new()) };
             let contouring = self.contouring(materials, plan.as_ref().unwrap_or(&thin));
-            let stages = [self.thickest(|_| BASE + sink), self.survey(), plan.map(|p| p.slices), contouring];
+            let stages =
+                [self.thickest(|_| self.base + sink), self.survey(), plan.map(|p| p.slices), contouring];
             let needed = |error: &PipelineError| match error {
                 PipelineError::Memory { needed, .. } => *needed,
                 _ => u64::MAX,
@@ -85,7 +93,7 @@ impl MemoryPlan {
     /// Slices of a slab while materials and blur are looked for.
     pub(super) fn survey(&self) -> Result<usize, PipelineError> {
         let kept = survey_bytes(self.size, self.sample);
-        self.thickest(|slices| BASE + kept + sweep_bytes(self.size, self.sample, slices, BLUR_HALO))
+        self.thickest(|slices| self.base + kept + sweep_bytes(self.size, self.sample, slices, BLUR_HALO))
     }
 
     /// How to cut the volume for classification, whose passes read `halo` slices on each side. Labels go to
@@ -103,7 +111,7 @@ impl MemoryPlan {
         // All at once: alpha, core and pair planes while deciding; samples stay for contouring.
         let samples = sweep_bytes(self.size, self.sample, depth, 0);
         let decided = self.planes(3 * n + 1, depth);
-        let all = BASE + samples + decided.max(labels + self.pieces());
+        let all = self.base + samples + decided.max(labels + self.pieces());
         if self.most == depth && self.fits(all) {
             return Ok(whole);
         }
@@ -124,7 +132,7 @@ impl MemoryPlan {
                     let reach = (slices + 2 * (halo + steps)).min(depth);
                     let samples = sweep_bytes(self.size, self.sample, slices, halo + steps);
                     let store = if kept { labels } else { 0 };
-                    BASE + store + samples + self.planes(4 * n + 4, reach)
+                    self.base + store + samples + self.planes(4 * n + 4, reach)
                 };
                 match self.thickest(bytes) {
                     Ok(slices) => {
@@ -148,7 +156,7 @@ impl MemoryPlan {
         let bits = u64::from(usize::BITS - materials.leading_zeros()) + 1;
         self.thickest(|slices| {
             let samples = sweep_bytes(self.size, self.sample, slices, 1);
-            BASE + kept + samples + self.planes(bits, slices + 2) + self.pieces()
+            self.base + kept + samples + self.planes(bits, slices + 2) + self.pieces()
         })
     }
 
@@ -167,17 +175,34 @@ impl MemoryPlan {
         self.budget.is_none_or(|budget| bytes <= budget)
     }
 
+    /// Whether the whole volume, filtered, is kept in memory, and how many slices of it are filtered at a
+    /// time. This plan is that of the run on the filtered volume.
+    pub(super) fn denoising(&self, denoised: &Denoised<'_>) -> Result<(bool, usize), PipelineError> {
+        let most = denoised.slices_at_a_time();
+        let whole = sweep_bytes(self.size, self.sample, self.size[2], 0);
+        let in_memory = self.thickest_to(most, |slices| self.base + whole + denoised.bytes(slices));
+        match in_memory {
+            Ok(slices) if self.holds_all() => Ok((true, slices)),
+            _ => Ok((false, self.thickest_to(most, |slices| self.base + denoised.bytes(slices))?)),
+        }
+    }
+
     /// The thickest slab for which `bytes` fits the budget.
     fn thickest(&self, bytes: impl Fn(usize) -> u64) -> Result<usize, PipelineError> {
-        if self.fits(bytes(self.most)) {
-            return Ok(self.most);
+        self.thickest_to(self.most, bytes)
+    }
+
+    /// The most slices, up to `most`, for which `bytes` fits the budget.
+    fn thickest_to(&self, most: usize, bytes: impl Fn(usize) -> u64) -> Result<usize, PipelineError> {
+        if self.fits(bytes(most)) {
+            return Ok(most);
         }
         if !self.fits(bytes(1)) {
             let whole = |bytes: u64| bytes + bytes / (ALLOCATOR_SHARE - 1);
             let (budget, needed) = (whole(self.budget.unwrap_or(u64::MAX / 2)), whole(bytes(1)) + 1);
             return Err(PipelineError::Memory { budget, needed, size: self.size });
         }
-        let (mut good, mut bad) = (1, self.most);
+        let (mut good, mut bad) = (1, most);
         while bad - good > 1 {
             let middle = good.midpoint(bad);
             if self.fits(bytes(middle)) {

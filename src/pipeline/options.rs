@@ -6,12 +6,15 @@ use super::PipelineError;
 use crate::classify::check_radius;
 use crate::contour::Border;
 use crate::grid::Geometry;
-use crate::material::{MaterialTable, MaterialTableError, check_count, radius_per_axis};
+use crate::material::{FindError, MaterialTable, MaterialTableError, check_count, radius_per_axis};
+use crate::volume::Denoise;
 
 /// What to make of a volume.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PipelineOptions {
+    /// The filter that takes noise out of the volume before all else, if any.
+    pub denoise: Option<Denoise>,
     /// Where the materials come from.
     pub materials: MaterialChoice,
     /// Radius R of the blur in voxels (of mean edge length); estimated where `None`.
@@ -37,12 +40,36 @@ pub enum MaterialChoice {
     /// The volume holds labels, not grey values: each label is a material, the lowest the
     /// background.
     Labels,
+    /// Two materials, parted by one grey value.
+    Threshold(Threshold),
 }
 
 impl Default for MaterialChoice {
     fn default() -> Self {
         Self::Find { count: None, names: Vec::new() }
     }
+}
+
+/// Two materials, parted by one grey value: the background below, material at or above it. Every voxel
+/// belongs to one of them by its own grey value alone, and the surface is that of the grey value.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Threshold {
+    /// Which grey value.
+    pub iso: IsoValue,
+    /// Names of the background and of the material. Empty: `air`, `material1`.
+    pub names: Vec<String>,
+}
+
+/// A grey value to make a surface of.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum IsoValue {
+    /// The mode of the slices' Otsu thresholds (Li et al. 2022, §2.2).
+    #[default]
+    OtsuMode,
+    /// This one.
+    Given(f64),
 }
 
 /// A material given by the user.
@@ -71,7 +98,18 @@ impl PipelineOptions {
             }
             MaterialChoice::Given(given) => drop(table_of(given)?),
             MaterialChoice::Labels => {}
+            MaterialChoice::Threshold(Threshold { iso, names }) => {
+                if let IsoValue::Given(iso) = *iso
+                    && !(iso as f32).is_finite()
+                {
+                    return Err(FindError::IsoNotFinite { iso }.into());
+                }
+                if !names.is_empty() {
+                    MaterialTable::new([("0", 0.0), ("1", 1.0)])?.renamed(names)?;
+                }
+            }
         }
+        self.check_denoise(geometry)?;
         if let Some(radius) = self.radius {
             check_radius(radius_per_axis(radius, geometry))?;
         }

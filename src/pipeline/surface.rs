@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::{MeshSink, PipelineError};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
 use crate::contour::marching::march_pieces;
-use crate::contour::{Border, CrossingRule, Midpoints, Piece, Thresholds, layers_of};
+use crate::contour::{Border, CrossingRule, Level, Midpoints, Piece, Thresholds, layers_of};
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
 use crate::material::MaterialTable;
@@ -22,6 +22,8 @@ pub(super) enum Crossings<'a> {
     Thresholds { store: Box<LabelStore>, materials: &'a MaterialTable },
     /// The samples are labels: midpoints.
     Midpoints { ids: &'a KnownLabels },
+    /// Two materials: those of one grey value.
+    Level { iso: f32 },
 }
 
 /// How to extract a surface.
@@ -60,6 +62,10 @@ impl Surface<'_> {
                 Crossings::Midpoints { ids } => {
                     let labels = LabelVolume::of_known(slab, ids, layers.start..layers.end + 1);
                     out.march(&labels, &Midpoints, layers)
+                }
+                Crossings::Level { iso } => {
+                    let labels = LabelVolume::of_threshold(slab, *iso, layers.start..layers.end + 1);
+                    out.march(&labels, &Level::new(slab, *iso), layers)
                 }
             }
         })?;

@@ -10,7 +10,7 @@ use crate::execution::CostLog;
 use crate::grid::{Geometry, MaterialId, VertexKind};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
-use crate::pipeline::{Findings, KEPT_SHARE, PipelineOptions};
+use crate::pipeline::{DenoiseFound, Findings, IsoFound, KEPT_SHARE, PipelineOptions};
 
 /// The report of a run; lengths in mm, areas in mm², volumes in mm³.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,15 +23,20 @@ pub struct RunReport {
     pub options: PipelineOptions,
     /// What a user should know before trusting the result.
     pub warnings: Vec<String>,
+    /// The filter against noise, and the noise before and after it; `None` without one.
+    pub denoise: Option<DenoiseFound>,
     /// The materials, by id.
     pub materials: Vec<MaterialReport>,
     /// Modes of the histogram that were not taken for materials.
     pub rejected_modes: Vec<Rejected>,
     /// The thresholds of all pairs; empty for a volume of labels.
     pub thresholds: Vec<ThresholdReport>,
-    /// Blur and the radius R used; `None` for a volume of labels.
+    /// The one grey value that parts two materials; `None` for other choices of materials.
+    pub iso: Option<IsoFound>,
+    /// Blur and the radius R used; `None` for a volume of labels and for a surface of one grey value.
     pub blur: Option<Blur>,
-    /// Voxels per class after each pass, junction voxels, rounds of thinning; `None` for labels.
+    /// Voxels per class after each pass, junction voxels, rounds of thinning; `None` where the
+    /// blur is.
     pub classification: Option<ClassifyCounts>,
     /// Number of vertices.
     pub vertices: u64,
@@ -94,7 +99,7 @@ pub struct MaterialReport {
 pub struct ThresholdReport {
     /// The two materials, lower id first.
     pub materials: [MaterialId; 2],
-    /// `t_xy`, halfway between their means.
+    /// `t_xy`, halfway between their means; or the iso value.
     pub grey: f64,
 }
 
@@ -187,7 +192,15 @@ impl RunReport {
             options,
             materials: materials.collect(),
             rejected_modes: findings.rejected.clone(),
-            thresholds: if findings.classification.is_some() { thresholds(table) } else { Vec::new() },
+            thresholds: match &findings.iso {
+                Some(iso) => {
+                    vec![ThresholdReport { materials: [MaterialId(0), MaterialId(1)], grey: iso.grey }]
+                }
+                None if findings.classification.is_some() => thresholds(table),
+                None => Vec::new(),
+            },
+            denoise: findings.denoise.clone(),
+            iso: findings.iso.clone(),
             blur: findings.blur,
             classification: findings.classification.clone(),
             vertices: mesh.measures.vertices,
@@ -256,6 +269,14 @@ fn warnings(
         out.push(format!(
             "a mode of the histogram at grey {:.6} was not taken for a material: {}; name it with --material if it is one",
             mode.grey, mode.reason
+        ));
+    }
+    if let Some(mode) = findings.iso.as_ref().and_then(|iso| iso.otsu_mode.as_ref())
+        && 10 * mode.agreeing < mode.with_two_classes
+    {
+        out.push(format!(
+            "the slices' Otsu thresholds scatter: of {} slices only {} agree with the iso value {:.6} to within {:.6}; look at it in `interfacet info`, and give another with --iso",
+            mode.with_two_classes, mode.agreeing, mode.grey, mode.window
         ));
     }
     if options.radius.is_none() && findings.blur.is_some_and(|b| b.sigma_mm.is_none()) {

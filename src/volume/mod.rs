@@ -12,6 +12,7 @@
 mod collect;
 #[cfg(test)]
 mod conformance;
+mod denoise;
 mod error;
 mod finite;
 mod header;
@@ -31,6 +32,7 @@ mod tiff;
 mod window;
 
 pub use collect::Endian;
+pub use denoise::{BILATERAL_GREY, Denoise, DenoiseError, Denoised, Length, MAX_REACH, NLM_GREY};
 pub use error::VolumeError;
 pub use finite::check_finite;
 pub use open::{OpenOptions, open};

@@ -31,6 +31,12 @@ impl PositionedFile {
         Ok(Self { path: path.to_owned(), file, len: meta.len() })
     }
 
+    /// A scratch file without a name, made in `folder`.
+    pub(crate) fn scratch(file: File, folder: &Path) -> Result<Self, VolumeError> {
+        let len = file.metadata().map_err(|error| io_error(folder, error))?.len();
+        Ok(Self { path: folder.to_owned(), file, len })
+    }
+
     /// Where the file is.
     pub(crate) fn path(&self) -> &Path {
         &self.path
