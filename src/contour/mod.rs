@@ -6,7 +6,7 @@
 
 mod crossing;
 mod error;
-mod hermite;
+pub mod hermite;
 mod isosurface;
 pub mod marching;
 mod patch;
@@ -15,7 +15,7 @@ mod piece;
 
 pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
 pub use error::ContourError;
-pub use hermite::{Hermite, HermiteRule};
+pub use hermite::{Hermite, HermiteRule, NormalRule};
 pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
 pub use piece::{Piece, SeamKey, layers_of, merge};

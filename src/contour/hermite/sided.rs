@@ -1,0 +1,91 @@
+//! Normals from the crossings of the same pair around: the estimate that keeps edges.
+//!
+//! Over the two axes across its edge, or over those across another axis where that lies better, the
+//! interface is a height field; its heights are the crossings on parallel edges. No grey values, so a third
+//! material cannot spoil it, and labels alone are enough.
+
+use glam::Vec3;
+
+use super::columns::{Edge, Finder};
+use super::plane::{Demand, Plane, fit};
+use crate::contour::crossing::CrossingRule;
+use crate::grid::cube::other_axes;
+
+/// Above this slope (levels per column) the interface is looked at along the axis in which it climbs.
+const STEEP: f32 = 1.0;
+
+/// Normal as a covector of the lattice, from the material at the edge's lower end to that at its upper end.
+pub(super) fn normal<C: CrossingRule>(
+    finder: &Finder<'_, C>,
+    edge: &Edge,
+    reach: usize,
+    demand: Demand,
+) -> [f32; 3] {
+    let own = |plane: Option<Plane>| covector(plane, edge, 1.0);
+    let Some(axis) = steep_axis(finder, edge) else {
+        let (columns, n) = finder.around(edge, reach);
+        return own(fit(&columns[..n], demand));
+    };
+    let Some((turned, sign)) = turned(finder, edge, axis) else {
+        let (columns, n) = finder.around(edge, reach);
+        return own(fit(&columns[..n], demand));
+    };
+    let (columns, n) = finder.around(&turned, reach);
+    covector(fit(&columns[..n], demand), &turned, sign)
+}
+
+/// Gradient of `height above the plane`, times `sign`.
+fn covector(plane: Option<Plane>, edge: &Edge, sign: f32) -> [f32; 3] {
+    let slope = plane.map_or([0.0; 2], |p| p.slope);
+    let [a, b] = other_axes(edge.axis);
+    let mut out = [0.0; 3];
+    out[edge.axis] = sign;
+    out[a] = -sign * slope[0];
+    out[b] = -sign * slope[1];
+    out
+}
+
+/// The axis in which the interface climbs more steeply than [`STEEP`] on both sides of the edge.
+fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<usize> {
+    let here = finder.column(edge, edge.from[edge.axis], [0, 0]).height;
+    let rise = |axis: usize| {
+        let to = |by: i32| {
+            let beside = finder.beside(edge, [(axis, by), (axis, 0)], 2)?;
+            Some((finder.column(&beside, edge.from[edge.axis], [0, 0]).height - here).abs())
+        };
+        to(1).unwrap_or(f32::INFINITY).min(to(-1).unwrap_or(f32::INFINITY))
+    };
+    let [a, b] = other_axes(edge.axis);
+    let (ra, rb) = (rise(a), rise(b));
+    let (axis, most) = if rb > ra { (b, rb) } else { (a, ra) };
+    (most > STEEP).then_some(axis)
+}
+
+/// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends, and the
+/// sign of the normal along that axis.
+fn turned<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<(Edge, f32)> {
+    let t = finder.column(edge, edge.from[edge.axis], [0, 0]).height;
+    let mut best: Option<(f32, Edge, f32)> = None;
+    for (sign, labels) in [(1.0, edge.labels), (-1.0, [edge.labels[1], edge.labels[0]])] {
+        for end in 0..2 {
+            let mut from = edge.from;
+            from[edge.axis] += end;
+            let start = Edge { from, axis, labels };
+            let Some(found) = finder.beside(&start, [(axis, 0), (axis, 0)], 2) else { continue };
+            let height = finder.column(&found, from[axis], [0, 0]).height;
+            // An interface through both crossings passes the axis at this slope; the end nearer to the
+            // crossing on the edge is nearer to the crossing found.
+            let along = if end == 0 { t } else { 1.0 - t };
+            let distance = height * height + along * along;
+            if best.is_none_or(|b| distance < b.0) {
+                best = Some((distance, found, sign));
+            }
+        }
+    }
+    best.map(|(_, found, sign)| (found, sign))
+}
+
+/// The unit vector along an axis: where nothing is known.
+pub(super) fn along(axis: usize) -> Vec3 {
+    Vec3::from(std::array::from_fn(|a| if a == axis { 1.0 } else { 0.0 }))
+}
