@@ -13,10 +13,11 @@ const RULES: [NormalRule; 4] =
 
 fn line(name: &str, found: &[Found]) {
     type Class = (&'static str, fn(&Found) -> bool);
-    let classes: [Class; 6] = [
+    let classes: [Class; 7] = [
         ("clear", |f| f.edge > 4.0 && f.junction > 4.0),
         ("edge 1.5-4", |f| f.edge > 1.5 && f.edge <= 4.0 && f.junction > 4.0),
-        ("edge <1.5", |f| f.edge <= 1.5 && f.junction > 4.0),
+        ("edge 0.5-1.5", |f| f.edge > 0.5 && f.edge <= 1.5 && f.junction > 4.0),
+        ("edge <0.5", |f| f.edge <= 0.5 && f.junction > 4.0),
         ("junction 1.5-4", |f| f.junction > 1.5 && f.junction <= 4.0),
         ("junction <1.5", |f| f.junction <= 1.5),
         ("unknown", |f| f.weight < 1.0),
@@ -28,8 +29,9 @@ fn line(name: &str, found: &[Found]) {
         }
         let [mean, p95, most] = statistics(of.iter().map(|f| f.degrees).collect());
         let rms = (of.iter().map(|f| f.off * f.off).sum::<f64>() / of.len() as f64).sqrt();
+        let share = 100.0 * of.iter().filter(|f| f.degrees > 30.0).count() as f64 / of.len() as f64;
         println!(
-            "{name:<44} {class:<15} {:>6}  {mean:6.2} {p95:6.2} {most:6.1}   position {rms:.3}",
+            "{name:<44} {class:<15} {:>6}  {mean:6.2} {p95:6.2} {most:6.1}  >30: {share:4.1} %  position {rms:.3}",
             of.len()
         );
     }

@@ -104,17 +104,16 @@ impl Scan {
                 p[axis] += t;
                 geometry.world(DVec3::from(p))
             };
-            // The true crossing, if the true materials of the ends are these.
+            // The true crossing, if the true materials of the ends are these; wrong labels have none.
             let (mut low, mut high) = (0.0, 1.0);
-            let exact = if [truth.material_at(at(0.0)), truth.material_at(at(1.0))] == labels {
-                for _ in 0..40 {
-                    let t = 0.5 * (low + high);
-                    *if truth.material_at(at(t)) == labels[0] { &mut low } else { &mut high } = t;
-                }
-                at(low)
-            } else {
-                at(f64::from(hermite.position))
-            };
+            if [truth.material_at(at(0.0)), truth.material_at(at(1.0))] != labels {
+                continue;
+            }
+            for _ in 0..40 {
+                let t = 0.5 * (low + high);
+                *if truth.material_at(at(t)) == labels[0] { &mut low } else { &mut high } = t;
+            }
+            let exact = at(low);
             let pair = Pair::new(labels[0], labels[1]).unwrap();
             let scene = truth.scene();
             let nearest = scene.surfaces().iter().enumerate().filter_map(|(i, s)| {

@@ -1,6 +1,6 @@
 //! The interface as heights over columns of the lattice, from labels and crossings.
 
-use super::plane::{Column, MAX_COLUMNS, MAX_REACH};
+use super::plane::{Column, Demand, MAX_COLUMNS, MAX_REACH, Plane, fit};
 use super::{HALO, UNKNOWN_WEIGHT};
 use crate::classify::LabelVolume;
 use crate::contour::crossing::CrossingRule;
@@ -91,7 +91,7 @@ impl<C: CrossingRule> Finder<'_, C> {
     }
 
     /// The height of a crossing from the level `base`, and whether it is known.
-    pub(super) fn column(&self, edge: &Edge, base: usize, at: [i8; 2]) -> Column {
+    pub(super) fn column(&self, edge: &Edge, base: usize, at: [f32; 2]) -> Column {
         let located = self.crossings.located(edge.from, edge.axis, edge.labels);
         let (weight, variance) =
             if located.is_some() { (1.0, self.variance) } else { (UNKNOWN_WEIGHT, UNKNOWN_VARIANCE) };
@@ -101,8 +101,8 @@ impl<C: CrossingRule> Finder<'_, C> {
 
     /// The columns around that of `middle`, itself first, up to `reach` away along both other axes. Each is
     /// reached from its neighbour nearer the middle, so nothing beyond a third material or a jump is found.
-    pub(super) fn around(&self, middle: &Edge, reach: usize) -> ([Column; MAX_COLUMNS], usize) {
-        let mut columns = [Column::default(); MAX_COLUMNS];
+    pub(super) fn around(&self, middle: &Edge, reach: usize) -> Window {
+        let mut columns = [Column::default(); MAX_COLUMNS + 1];
         let mut found: [Option<Edge>; MAX_COLUMNS] = [None; MAX_COLUMNS];
         let across = other_axes(middle.axis);
         let index = |u: i8, v: i8| {
@@ -110,7 +110,7 @@ impl<C: CrossingRule> Finder<'_, C> {
             i * (2 * MAX_REACH + 1) + j
         };
         let base = middle.from[middle.axis];
-        columns[0] = self.column(middle, base, [0, 0]);
+        columns[0] = self.column(middle, base, [0.0; 2]);
         found[index(0, 0)] = Some(*middle);
         let mut n = 1;
         for ring in 1..=reach as i8 {
@@ -125,11 +125,33 @@ impl<C: CrossingRule> Finder<'_, C> {
                 let most = if by[0] != 0 && by[1] != 0 { 3 } else { 2 };
                 let Some(edge) = self.beside(&inner, steps, most) else { continue };
                 found[index(u, v)] = Some(edge);
-                columns[n] = self.column(&edge, base, [u, v]);
+                columns[n] = self.column(&edge, base, [u, v].map(f32::from));
                 n += 1;
             }
         }
-        (columns, n)
+        Window { columns, n, reach }
+    }
+}
+
+/// Columns around a crossing.
+pub(super) struct Window {
+    columns: [Column; MAX_COLUMNS + 1],
+    n: usize,
+    reach: usize,
+}
+
+impl Window {
+    /// Puts a crossing first that lies beside the column in the middle.
+    pub(super) fn put_first(&mut self, own: Column) {
+        self.columns[self.n] = self.columns[0];
+        self.columns[0] = own;
+        self.n += 1;
+    }
+
+    /// The plane on the crossing's side of any edge, and how far the crossing is from it along the columns.
+    pub(super) fn fit(&self, demand: Demand) -> Option<(Plane, f32)> {
+        let plane = fit(&self.columns[..self.n], self.reach, demand)?;
+        Some((plane, plane.residual(&self.columns[0])))
     }
 }
 

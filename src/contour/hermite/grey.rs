@@ -82,7 +82,7 @@ impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
     fn sided(&self, edge: &Edge, variance: f32, reach: usize) -> Option<Vec3> {
         let within = Reach::of(edge, self.labels.size());
         let finder = Finder { labels: self.labels, crossings: &self.crossings, reach: within, variance };
-        in_lengths(sided::normal(&finder, edge, reach, DEMAND), self.inverse)
+        in_lengths(sided::plane(&finder, edge, reach, DEMAND)?.covector, self.inverse)
     }
 }
 

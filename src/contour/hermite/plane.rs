@@ -14,8 +14,8 @@ pub(super) const MAX_COLUMNS: usize = WIDTH * WIDTH;
 /// Height of the interface over one column of the lattice.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Column {
-    /// Columns from the middle.
-    pub(super) at: [i8; 2],
+    /// Columns from the middle of the window.
+    pub(super) at: [f32; 2],
     /// Lattice units, from any level.
     pub(super) height: f32,
     /// How much it counts.
@@ -35,8 +35,9 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    fn residual(&self, c: &Column) -> f32 {
-        c.height - self.level - self.slope[0] * f32::from(c.at[0]) - self.slope[1] * f32::from(c.at[1])
+    /// How far a height lies above the plane, along the columns.
+    pub(super) fn residual(&self, c: &Column) -> f32 {
+        c.height - self.level - self.slope[0] * c.at[0] - self.slope[1] * c.at[1]
     }
 }
 
@@ -44,7 +45,7 @@ impl Plane {
 type Sums = [f32; 12];
 
 fn sums(c: &Column) -> Sums {
-    let ([u, v], h, w) = (c.at.map(f32::from), c.height, c.weight);
+    let ([u, v], h, w) = (c.at, c.height, c.weight);
     let [wu, wv, wh] = [w * u, w * v, w * h];
     [1.0, w, wu, wv, wh, wu * u, wu * v, wv * v, wu * h, wv * h, wh * h, w * c.variance]
 }
@@ -116,6 +117,10 @@ const fn sector(u: i32, v: i32) -> u8 {
         }
 }
 
+/// Most that a face can bend, in levels per square of a column: a radius of 4 voxels where it lies level, of
+/// 11 where it is as steep as the axes allow. More is an edge.
+const MOST_BEND: f32 = 0.125;
+
 /// How well heights must be explained.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Demand {
@@ -125,20 +130,21 @@ pub(super) struct Demand {
     pub(super) agrees: f32,
 }
 
-/// The plane on this side of any edge; the first column must be the middle one. `None` without columns.
-pub(super) fn fit(columns: &[Column], demand: Demand) -> Option<Plane> {
-    let (middle, others) = columns.split_first()?;
-    let mut all = sums(middle);
+/// The plane on this side of any edge. The first column must be that of the crossing asked for, every part
+/// of the window has it; the others are those of a window of `reach`.
+pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<Plane> {
+    let (own, others) = columns.split_first()?;
+    let mut all = sums(own);
     for c in others {
         add(&mut all, &sums(c));
     }
     let whole = solve(&all);
     let allowed = demand.accepted * all[11] / all[1];
-    if whole.variance <= allowed || others.len() < 3 {
+    if whole.variance <= allowed || others.len() < 3 || bends(columns, &whole, reach, allowed) {
         return Some(whole);
     }
-    let best = best_part(middle, others, allowed).unwrap_or(whole);
-    let mut agreeing = sums(middle);
+    let best = best_part(own, others, allowed).unwrap_or(whole);
+    let mut agreeing = sums(own);
     let mut n = 1;
     for c in others {
         let r = best.residual(c);
@@ -150,17 +156,50 @@ pub(super) fn fit(columns: &[Column], demand: Demand) -> Option<Plane> {
     Some(if n >= 4 { solve(&agreeing) } else { best })
 }
 
+/// Whether a whole window is explained by a face that bends evenly: then its slope in the middle is that of
+/// the plane, because what bends is even and the slope is odd.
+fn bends(columns: &[Column], whole: &Plane, reach: usize, allowed: f32) -> bool {
+    let width = 2 * reach + 1;
+    let n = width * width;
+    // A crossing beside the middle is one more than the window has.
+    if columns.len() < n + usize::from(columns[0].at != [0.0; 2]) {
+        return false;
+    }
+    let r = reach as f32;
+    // Mean square of u over the window, and mean of its fourth power.
+    let square = r * (r + 1.0) / 3.0;
+    let fourth = square * (3.0 * r * r + 3.0 * r - 1.0) / 5.0;
+    let (mut left, mut uu, mut uv, mut vv) = (0.0, 0.0, 0.0, 0.0);
+    for c in columns {
+        let (d, [u, v]) = (whole.residual(c), c.at);
+        left += d * d;
+        uu += d * (u * u - square);
+        uv += d * u * v;
+        vv += d * (v * v - square);
+    }
+    let n = n as f32;
+    let (even, mixed) = (n * (fourth - square * square), n * square * square);
+    let bend = [uu / even, uv / mixed, vv / even];
+    left -= bend[0] * uu + bend[1] * uv + bend[2] * vv;
+    bend.iter().all(|b| b.abs() <= MOST_BEND) && left <= (n - 6.0) * allowed
+}
+
 /// The best half, or the best quarter if no half is explained.
-fn best_part(middle: &Column, others: &[Column], allowed: f32) -> Option<Plane> {
+fn best_part(own: &Column, others: &[Column], allowed: f32) -> Option<Plane> {
     let mut parts = [[0.0f32; 12]; SECTORS];
     for c in others {
-        let [i, j] = c.at.map(|k| (i32::from(k) + MAX_REACH as i32) as usize);
+        let [i, j] = std::array::from_fn(|k| {
+            // The column in the middle, if the crossing is beside it, lies on the ray towards it.
+            let at =
+                if c.at == [0.0; 2] { -own.at[k].signum() * f32::from(own.at[k] != 0.0) } else { c.at[k] };
+            (at + MAX_REACH as f32) as usize
+        });
         add(&mut parts[usize::from(SECTOR[i][j])], &sums(c));
     }
     let mut best: Option<Plane> = None;
     for width in [9, 5] {
         for start in (0..SECTORS).step_by(2) {
-            let mut part = sums(middle);
+            let mut part = sums(own);
             for k in start..start + width {
                 add(&mut part, &parts[k % SECTORS]);
             }

@@ -45,8 +45,9 @@ impl HermiteRule for LabelHermite<'_> {
         let edge = Edge { from, axis, labels };
         let reach = Reach::of(&edge, self.labels.size());
         let finder = Finder { labels: self.labels, crossings: &Midpoints, reach, variance: UNKNOWN_VARIANCE };
-        let covector = sided::normal(&finder, &edge, REACH, DEMAND);
-        let normal = in_lengths(covector, self.inverse).unwrap_or_else(|| sided::along(axis));
+        let side = sided::plane(&finder, &edge, REACH, DEMAND);
+        let normal = side.and_then(|s| in_lengths(s.covector, self.inverse));
+        let normal = normal.unwrap_or_else(|| sided::along(axis));
         Hermite { position: self.position(from, axis, labels), normal, weight: 1.0 }
     }
 }

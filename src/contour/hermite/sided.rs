@@ -7,51 +7,63 @@
 use glam::Vec3;
 
 use super::columns::{Edge, Finder};
-use super::plane::{Demand, Plane, fit};
+use super::plane::{Demand, Plane};
 use crate::contour::crossing::CrossingRule;
 use crate::grid::cube::other_axes;
 
 /// Above this slope (levels per column) the interface is looked at along the axis in which it climbs.
 const STEEP: f32 = 1.0;
 
-/// Normal as a covector of the lattice, from the material at the edge's lower end to that at its upper end.
-pub(super) fn normal<C: CrossingRule>(
+/// A plane beside a crossing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Side {
+    /// Normal as a covector of the lattice, from the material at the edge's lower end to that at its upper end.
+    pub(super) covector: [f32; 3],
+    /// Square of the crossing's distance from the plane, in voxels.
+    pub(super) misfit: f32,
+}
+
+/// The plane on this side of any edge.
+pub(super) fn plane<C: CrossingRule>(
     finder: &Finder<'_, C>,
     edge: &Edge,
     reach: usize,
     demand: Demand,
-) -> [f32; 3] {
-    let own = |plane: Option<Plane>| covector(plane, edge, 1.0);
-    let Some(axis) = steep_axis(finder, edge) else {
-        let (columns, n) = finder.around(edge, reach);
-        return own(fit(&columns[..n], demand));
+) -> Option<Side> {
+    let turned = steep_axis(finder, edge).and_then(|axis| turned(finder, edge, axis));
+    let Some((turned, sign)) = turned else {
+        return side(finder.around(edge, reach).fit(demand), edge, 1.0);
     };
-    let Some((turned, sign)) = turned(finder, edge, axis) else {
-        let (columns, n) = finder.around(edge, reach);
-        return own(fit(&columns[..n], demand));
-    };
-    let (columns, n) = finder.around(&turned, reach);
-    covector(fit(&columns[..n], demand), &turned, sign)
+    let mut window = finder.around(&turned, reach);
+    // The crossing itself, seen from the column that was found.
+    let mut own = finder.column(edge, turned.from[edge.axis], [0.0; 2]);
+    let across = own.height;
+    let place = usize::from(other_axes(turned.axis)[1] == edge.axis);
+    own.at[place] = across;
+    own.height = edge.from[turned.axis] as f32 - turned.from[turned.axis] as f32;
+    window.put_first(own);
+    side(window.fit(demand), &turned, sign)
 }
 
 /// Gradient of `height above the plane`, times `sign`.
-fn covector(plane: Option<Plane>, edge: &Edge, sign: f32) -> [f32; 3] {
-    let slope = plane.map_or([0.0; 2], |p| p.slope);
+fn side(fit: Option<(Plane, f32)>, edge: &Edge, sign: f32) -> Option<Side> {
+    let (plane, above) = fit?;
     let [a, b] = other_axes(edge.axis);
-    let mut out = [0.0; 3];
-    out[edge.axis] = sign;
-    out[a] = -sign * slope[0];
-    out[b] = -sign * slope[1];
-    out
+    let mut covector = [0.0; 3];
+    covector[edge.axis] = sign;
+    covector[a] = -sign * plane.slope[0];
+    covector[b] = -sign * plane.slope[1];
+    let square: f32 = covector.iter().map(|c| c * c).sum();
+    Some(Side { covector, misfit: above * above / square })
 }
 
 /// The axis in which the interface climbs more steeply than [`STEEP`] on both sides of the edge.
 fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<usize> {
-    let here = finder.column(edge, edge.from[edge.axis], [0, 0]).height;
+    let here = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let rise = |axis: usize| {
         let to = |by: i32| {
             let beside = finder.beside(edge, [(axis, by), (axis, 0)], 2)?;
-            Some((finder.column(&beside, edge.from[edge.axis], [0, 0]).height - here).abs())
+            Some((finder.column(&beside, edge.from[edge.axis], [0.0; 2]).height - here).abs())
         };
         to(1).unwrap_or(f32::INFINITY).min(to(-1).unwrap_or(f32::INFINITY))
     };
@@ -64,7 +76,7 @@ fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<us
 /// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends, and the
 /// sign of the normal along that axis.
 fn turned<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<(Edge, f32)> {
-    let t = finder.column(edge, edge.from[edge.axis], [0, 0]).height;
+    let t = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let mut best: Option<(f32, Edge, f32)> = None;
     for (sign, labels) in [(1.0, edge.labels), (-1.0, [edge.labels[1], edge.labels[0]])] {
         for end in 0..2 {
@@ -72,7 +84,7 @@ fn turned<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> 
             from[edge.axis] += end;
             let start = Edge { from, axis, labels };
             let Some(found) = finder.beside(&start, [(axis, 0), (axis, 0)], 2) else { continue };
-            let height = finder.column(&found, from[axis], [0, 0]).height;
+            let height = finder.column(&found, from[axis], [0.0; 2]).height;
             // An interface through both crossings passes the axis at this slope; the end nearer to the
             // crossing on the edge is nearer to the crossing found.
             let along = if end == 0 { t } else { 1.0 - t };
