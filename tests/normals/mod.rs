@@ -90,6 +90,36 @@ impl Scan {
         self.measure(&LabelHermite::new(&self.labels, self.phantom.geometry().spacing()))
     }
 
+    /// Prints the time per crossing of all rules.
+    pub(crate) fn time(&self) {
+        let slab = Slab::whole(&self.samples, self.labels.size());
+        let qualities = Qualities::new(&self.materials, Some(self.blur));
+        let spacing = self.phantom.geometry().spacing();
+        let edges: Vec<_> = crossings(&self.labels)
+            .into_iter()
+            .map(|(from, axis)| {
+                let mut to = from;
+                to[axis] += 1;
+                (from, axis, [self.labels.at(from), self.labels.at(to)])
+            })
+            .collect();
+        let run = |name: &str, rule: &dyn HermiteRule| {
+            let started = std::time::Instant::now();
+            let sum: f32 =
+                edges.iter().map(|&(from, axis, labels)| rule.hermite(from, axis, labels).normal.x).sum();
+            let each = started.elapsed().as_nanos() / edges.len() as u128;
+            println!("{name}: {each} ns for each of {} crossings ({sum})", edges.len());
+        };
+        for rule in [NormalRule::Gradient, NormalRule::Smoothed, NormalRule::Sided, NormalRule::Auto] {
+            let thresholds = Thresholds::new(slab, &self.junction, &self.materials);
+            run(
+                &format!("{rule:?}"),
+                &GreyHermite::new(thresholds, slab, &self.labels, spacing, rule, &qualities),
+            );
+        }
+        run("labels", &LabelHermite::new(&self.labels, spacing));
+    }
+
     fn measure(&self, rule: &impl HermiteRule) -> Vec<Found> {
         let (truth, geometry) = (self.phantom.truth(), self.phantom.geometry());
         let edge = geometry.voxel_edge();

@@ -148,10 +148,9 @@ impl Window {
         self.n += 1;
     }
 
-    /// The plane on the crossing's side of any edge, and how far the crossing is from it along the columns.
-    pub(super) fn fit(&self, demand: Demand) -> Option<(Plane, f32)> {
-        let plane = fit(&self.columns[..self.n], self.reach, demand)?;
-        Some((plane, plane.residual(&self.columns[0])))
+    /// The plane on the crossing's side of any edge; whether one smooth face has all columns.
+    pub(super) fn fit(&self, demand: Demand) -> Option<(Plane, bool)> {
+        fit(&self.columns[..self.n], self.reach, demand)
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::columns::{Edge, Finder, Reach};
-use super::noise::{PairQuality, Qualities};
+use super::noise::Qualities;
 use super::plane::Demand;
 use super::{Hermite, HermiteRule, NormalRule, UNKNOWN_WEIGHT, gradient, in_lengths, inverse_lengths, sided};
 use crate::classify::LabelVolume;
@@ -20,10 +20,9 @@ const DEMAND: Demand = Demand { accepted: 2.5, agrees: 9.0 };
 /// Standard deviation of crossings without noise, in voxels: what linear interpolation on a step that is
 /// not linear is off by.
 const INTERPOLATION: f32 = 0.06;
-/// Blur (sigma in voxels) below which data are sharp: gradients mix the faces beside an edge.
-const SHARP: f64 = 0.7;
-/// Standard deviation of crossings by noise, in voxels, above which gradients must be smoothed.
-const NOISY: f64 = 0.03;
+/// The smoothed gradient is taken for a smooth face if it lies within this cosine (15 degrees) of its plane:
+/// else something near the face, not seen in its crossings, has spoilt it.
+const AGREE: f32 = 0.966;
 
 /// Crossings by `C` ([`Thresholds`](crate::contour::Thresholds) or [`Level`](crate::contour::Level)) with
 /// normals by a [`NormalRule`].
@@ -34,32 +33,9 @@ pub struct GreyHermite<'a, C, S> {
     labels: &'a LabelVolume,
     inverse: [f32; 3],
     materials: usize,
-    /// What to do for each pair.
-    pairs: Vec<Choice>,
-}
-
-/// What to do for the crossings of a pair.
-#[derive(Debug, Clone, Copy)]
-struct Choice {
-    known: NormalRule,
-    unknown: NormalRule,
-    /// Square of the standard deviation of known crossings, voxels.
-    variance: f32,
-}
-
-impl Choice {
-    fn new(rule: NormalRule, quality: PairQuality) -> Self {
-        let sigma = quality.position_sigma();
-        let variance = INTERPOLATION.powi(2) + (sigma as f32).powi(2);
-        let known = match rule {
-            NormalRule::Auto if quality.blur < SHARP => NormalRule::Sided,
-            NormalRule::Auto if sigma > NOISY => NormalRule::Smoothed,
-            NormalRule::Auto => NormalRule::Gradient,
-            given => given,
-        };
-        let unknown = if rule == NormalRule::Auto { NormalRule::Sided } else { rule };
-        Self { known, unknown, variance }
-    }
+    rule: NormalRule,
+    /// Square of the standard deviation of known crossings, voxels, for each pair of materials.
+    variances: Vec<f32>,
 }
 
 impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
@@ -75,14 +51,45 @@ impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
     ) -> Self {
         let n = qualities.materials();
         let id = |i: usize| MaterialId(i as u8);
-        let pairs = (0..n * n).map(|i| Choice::new(rule, qualities.of([id(i / n), id(i % n)]))).collect();
-        Self { crossings, slab, labels, inverse: inverse_lengths(spacing), materials: n, pairs }
+        let variance = |i: usize| {
+            let sigma = qualities.of([id(i / n), id(i % n)]).position_sigma() as f32;
+            INTERPOLATION * INTERPOLATION + sigma * sigma
+        };
+        let variances = (0..n * n).map(variance).collect();
+        Self { crossings, slab, labels, inverse: inverse_lengths(spacing), materials: n, rule, variances }
     }
 
-    fn sided(&self, edge: &Edge, variance: f32, reach: usize) -> Option<Vec3> {
+    /// By the crossings around; for `Auto` by the smoothed gradient where those are one smooth face.
+    fn sided(&self, edge: &Edge, located: Option<f32>) -> Option<Vec3> {
+        let [a, b] = edge.labels.map(|id| usize::from(id.0));
+        let variance = self.variances[a * self.materials + b];
         let within = Reach::of(edge, self.labels.size());
         let finder = Finder { labels: self.labels, crossings: &self.crossings, reach: within, variance };
-        in_lengths(sided::plane(&finder, edge, reach, DEMAND)?.covector, self.inverse)
+        let reach = if located.is_some() { REACH } else { UNKNOWN_REACH };
+        let side = sided::plane(&finder, edge, reach, DEMAND)?;
+        let normal = in_lengths(side.covector, self.inverse)?;
+        if self.rule == NormalRule::Auto
+            && side.smooth
+            && let Some(t) = located
+            && let Some(smoothed) = self.gradient(NormalRule::Smoothed, edge, t)
+            && smoothed.dot(normal) > AGREE
+        {
+            return Some(smoothed);
+        }
+        Some(normal)
+    }
+
+    /// By grey values, if the rule says so.
+    #[inline]
+    fn gradient(&self, rule: NormalRule, edge: &Edge, t: f32) -> Option<Vec3> {
+        let voxel = edge.from.map(|p| p - 1);
+        let rising = match rule {
+            NormalRule::Gradient => gradient::published(self.slab, voxel, edge.axis, t, self.inverse),
+            NormalRule::Smoothed => gradient::smoothed(self.slab, voxel, edge.axis, t, self.inverse),
+            NormalRule::Auto | NormalRule::Sided => None,
+        }?;
+        // Grey values ascend with the ids of materials.
+        Some(if edge.labels[0] < edge.labels[1] { rising } else { -rising })
     }
 }
 
@@ -107,24 +114,10 @@ impl<C: CrossingRule, S: Sample> HermiteRule for GreyHermite<'_, C, S> {
     /// If samples or labels held do not reach [`HALO`](super::HALO) slices beyond the edge, or a material is
     /// not one of those given.
     fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite {
-        let [a, b] = labels.map(|id| usize::from(id.0));
-        let choice = &self.pairs[a * self.materials + b];
         let located = self.crossings.located(from, axis, labels);
-        let (rule, weight, reach) = match located {
-            Some(_) => (choice.known, 1.0, REACH),
-            None => (choice.unknown, UNKNOWN_WEIGHT, UNKNOWN_REACH),
-        };
-        let position = located.unwrap_or(0.5);
+        let (position, weight) = located.map_or((0.5, UNKNOWN_WEIGHT), |t| (t, 1.0));
         let edge = Edge { from, axis, labels };
-        let voxel = from.map(|p| p - 1);
-        let rising = match rule {
-            NormalRule::Gradient => gradient::published(self.slab, voxel, axis, position, self.inverse),
-            NormalRule::Smoothed => gradient::smoothed(self.slab, voxel, axis, position, self.inverse),
-            NormalRule::Auto | NormalRule::Sided => None,
-        };
-        // Grey values ascend with the ids of materials.
-        let normal = rising.map(|n| if labels[0] < labels[1] { n } else { -n });
-        let normal = normal.or_else(|| self.sided(&edge, choice.variance, reach));
+        let normal = self.gradient(self.rule, &edge, position).or_else(|| self.sided(&edge, located));
         Hermite { position, normal: normal.unwrap_or_else(|| sided::along(axis)), weight }
     }
 }

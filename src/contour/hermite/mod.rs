@@ -55,7 +55,7 @@ pub trait HermiteRule: CrossingRule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NormalRule {
-    /// The default: per pair of materials and crossing, by blur, noise and what is known.
+    /// The default: `Smoothed` where the crossings around are known and one smooth face, else `Sided`.
     #[default]
     Auto,
     /// Central differences at both ends, normalised and interpolated (Li et al. eq. 7 and 8).

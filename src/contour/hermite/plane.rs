@@ -36,7 +36,7 @@ pub(super) struct Plane {
 
 impl Plane {
     /// How far a height lies above the plane, along the columns.
-    pub(super) fn residual(&self, c: &Column) -> f32 {
+    fn residual(&self, c: &Column) -> f32 {
         c.height - self.level - self.slope[0] * c.at[0] - self.slope[1] * c.at[1]
     }
 }
@@ -131,8 +131,9 @@ pub(super) struct Demand {
 }
 
 /// The plane on this side of any edge. The first column must be that of the crossing asked for, every part
-/// of the window has it; the others are those of a window of `reach`.
-pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<Plane> {
+/// of the window has it; the others are those of a window of `reach`. Also whether one smooth face has all
+/// columns of the window.
+pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<(Plane, bool)> {
     let (own, others) = columns.split_first()?;
     let mut all = sums(own);
     for c in others {
@@ -140,8 +141,12 @@ pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<Pl
     }
     let whole = solve(&all);
     let allowed = demand.accepted * all[11] / all[1];
-    if whole.variance <= allowed || others.len() < 3 || bends(columns, &whole, reach, allowed) {
-        return Some(whole);
+    let full = is_full(columns, reach);
+    if whole.variance <= allowed || others.len() < 3 {
+        return Some((whole, full));
+    }
+    if full && bends(columns, &whole, reach, allowed) {
+        return Some((whole, true));
     }
     let best = best_part(own, others, allowed).unwrap_or(whole);
     let mut agreeing = sums(own);
@@ -153,18 +158,17 @@ pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<Pl
             n += 1;
         }
     }
-    Some(if n >= 4 { solve(&agreeing) } else { best })
+    Some((if n >= 4 { solve(&agreeing) } else { best }, false))
 }
 
-/// Whether a whole window is explained by a face that bends evenly: then its slope in the middle is that of
+fn is_full(columns: &[Column], reach: usize) -> bool {
+    // A crossing beside the middle is one more than the window has.
+    columns.len() == (2 * reach + 1).pow(2) + usize::from(columns[0].at != [0.0; 2])
+}
+
+/// Whether a full window is explained by a face that bends evenly: then its slope in the middle is that of
 /// the plane, because what bends is even and the slope is odd.
 fn bends(columns: &[Column], whole: &Plane, reach: usize, allowed: f32) -> bool {
-    let width = 2 * reach + 1;
-    let n = width * width;
-    // A crossing beside the middle is one more than the window has.
-    if columns.len() < n + usize::from(columns[0].at != [0.0; 2]) {
-        return false;
-    }
     let r = reach as f32;
     // Mean square of u over the window, and mean of its fourth power.
     let square = r * (r + 1.0) / 3.0;
@@ -177,7 +181,7 @@ fn bends(columns: &[Column], whole: &Plane, reach: usize, allowed: f32) -> bool 
         uv += d * u * v;
         vv += d * (v * v - square);
     }
-    let n = n as f32;
+    let n = columns.len() as f32;
     let (even, mixed) = (n * (fourth - square * square), n * square * square);
     let bend = [uu / even, uv / mixed, vv / even];
     left -= bend[0] * uu + bend[1] * uv + bend[2] * vv;

@@ -6,8 +6,8 @@
 
 use glam::Vec3;
 
-use super::columns::{Edge, Finder};
-use super::plane::{Demand, Plane};
+use super::columns::{Edge, Finder, Window};
+use super::plane::Demand;
 use crate::contour::crossing::CrossingRule;
 use crate::grid::cube::other_axes;
 
@@ -19,8 +19,8 @@ const STEEP: f32 = 1.0;
 pub(super) struct Side {
     /// Normal as a covector of the lattice, from the material at the edge's lower end to that at its upper end.
     pub(super) covector: [f32; 3],
-    /// Square of the crossing's distance from the plane, in voxels.
-    pub(super) misfit: f32,
+    /// Whether one smooth face has all columns around.
+    pub(super) smooth: bool,
 }
 
 /// The plane on this side of any edge.
@@ -30,31 +30,37 @@ pub(super) fn plane<C: CrossingRule>(
     reach: usize,
     demand: Demand,
 ) -> Option<Side> {
-    let turned = steep_axis(finder, edge).and_then(|axis| turned(finder, edge, axis));
-    let Some((turned, sign)) = turned else {
-        return side(finder.around(edge, reach).fit(demand), edge, 1.0);
-    };
-    let mut window = finder.around(&turned, reach);
-    // The crossing itself, seen from the column that was found.
-    let mut own = finder.column(edge, turned.from[edge.axis], [0.0; 2]);
-    let across = own.height;
-    let place = usize::from(other_axes(turned.axis)[1] == edge.axis);
-    own.at[place] = across;
-    own.height = edge.from[turned.axis] as f32 - turned.from[turned.axis] as f32;
-    window.put_first(own);
-    side(window.fit(demand), &turned, sign)
+    let turned = steep_axis(finder, edge).and_then(|axis| turned(finder, edge, axis, reach, demand));
+    turned.or_else(|| side(&finder.around(edge, reach), demand, edge, 1.0))
 }
 
-/// Gradient of `height above the plane`, times `sign`.
-fn side(fit: Option<(Plane, f32)>, edge: &Edge, sign: f32) -> Option<Side> {
-    let (plane, above) = fit?;
+/// By columns along another axis.
+fn turned<C: CrossingRule>(
+    finder: &Finder<'_, C>,
+    edge: &Edge,
+    axis: usize,
+    reach: usize,
+    demand: Demand,
+) -> Option<Side> {
+    let (middle, sign) = nearest(finder, edge, axis)?;
+    let mut window = finder.around(&middle, reach);
+    // The crossing itself, seen from the column that was found.
+    let mut own = finder.column(edge, middle.from[edge.axis], [0.0; 2]);
+    own.at[usize::from(other_axes(axis)[1] == edge.axis)] = own.height;
+    own.height = edge.from[axis] as f32 - middle.from[axis] as f32;
+    window.put_first(own);
+    side(&window, demand, &middle, sign)
+}
+
+/// The plane of a window; its gradient of `height above the plane`, times `sign`.
+fn side(window: &Window, demand: Demand, edge: &Edge, sign: f32) -> Option<Side> {
+    let (plane, smooth) = window.fit(demand)?;
     let [a, b] = other_axes(edge.axis);
     let mut covector = [0.0; 3];
     covector[edge.axis] = sign;
     covector[a] = -sign * plane.slope[0];
     covector[b] = -sign * plane.slope[1];
-    let square: f32 = covector.iter().map(|c| c * c).sum();
-    Some(Side { covector, misfit: above * above / square })
+    Some(Side { covector, smooth })
 }
 
 /// The axis in which the interface climbs more steeply than [`STEEP`] on both sides of the edge.
@@ -75,7 +81,7 @@ fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<us
 
 /// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends, and the
 /// sign of the normal along that axis.
-fn turned<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<(Edge, f32)> {
+fn nearest<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<(Edge, f32)> {
     let t = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let mut best: Option<(f32, Edge, f32)> = None;
     for (sign, labels) in [(1.0, edge.labels), (-1.0, [edge.labels[1], edge.labels[0]])] {
