@@ -70,7 +70,10 @@ pub enum NormalRule {
 /// the voxel's edges. `None` for a vector without a direction.
 #[inline]
 fn in_lengths(covector: [f32; 3], inverse: [f32; 3]) -> Option<Vec3> {
-    (Vec3::from(covector) * Vec3::from(inverse)).try_normalize()
+    let vector = Vec3::from(covector) * Vec3::from(inverse);
+    let length = vector.length();
+    // Divided, not multiplied by the inverse: so a vector along an axis becomes exactly that axis.
+    (length > 0.0 && length.is_finite()).then(|| vector / length)
 }
 
 /// One over the edges of a voxel, in voxels of mean edge length.

@@ -30,26 +30,32 @@ pub(super) fn plane<C: CrossingRule>(
     reach: usize,
     demand: Demand,
 ) -> Option<Side> {
-    let turned = steep_axis(finder, edge).and_then(|axis| turned(finder, edge, axis, reach, demand));
-    turned.or_else(|| side(&finder.around(edge, reach), demand, edge, 1.0))
+    let steep = steep_axes(finder, edge).into_iter().flatten();
+    // Of two axes that are both too steep to follow, the one along which the interface is nearer.
+    let found =
+        steep.filter_map(|axis| nearest(finder, edge, axis)).min_by(|a, b| a.distance.total_cmp(&b.distance));
+    match found {
+        Some(found) => turned(finder, edge, &found, reach, demand),
+        None => side(&finder.around(edge, reach), demand, edge, 1.0),
+    }
 }
 
 /// By columns along another axis.
 fn turned<C: CrossingRule>(
     finder: &Finder<'_, C>,
     edge: &Edge,
-    axis: usize,
+    &Nearest { edge: ref middle, sign, .. }: &Nearest,
     reach: usize,
     demand: Demand,
 ) -> Option<Side> {
-    let (middle, sign) = nearest(finder, edge, axis)?;
-    let mut window = finder.around(&middle, reach);
+    let axis = middle.axis;
+    let mut window = finder.around(middle, reach);
     // The crossing itself, seen from the column that was found.
     let mut own = finder.column(edge, middle.from[edge.axis], [0.0; 2]);
     own.at[usize::from(other_axes(axis)[1] == edge.axis)] = own.height;
     own.height = edge.from[axis] as f32 - middle.from[axis] as f32;
     window.put_first(own);
-    side(&window, demand, &middle, sign)
+    side(&window, demand, middle, sign)
 }
 
 /// The plane of a window; its gradient of `height above the plane`, times `sign`.
@@ -63,8 +69,9 @@ fn side(window: &Window, demand: Demand, edge: &Edge, sign: f32) -> Option<Side>
     Some(Side { covector, smooth })
 }
 
-/// The axis in which the interface climbs more steeply than [`STEEP`] on both sides of the edge.
-fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<usize> {
+/// The axes in which the interface climbs more steeply than [`STEEP`] on both sides of the edge: the steeper
+/// one, or both if neither can be followed.
+fn steep_axes<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> [Option<usize>; 2] {
     let here = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let rise = |axis: usize| {
         let to = |by: i32| {
@@ -76,14 +83,25 @@ fn steep_axis<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> Option<us
     let [a, b] = other_axes(edge.axis);
     let (ra, rb) = (rise(a), rise(b));
     let (axis, most) = if rb > ra { (b, rb) } else { (a, ra) };
-    (most > STEEP).then_some(axis)
+    if ra.min(rb) == f32::INFINITY {
+        return [Some(a), Some(b)];
+    }
+    [(most > STEEP).then_some(axis), None]
 }
 
-/// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends, and the
-/// sign of the normal along that axis.
-fn nearest<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<(Edge, f32)> {
+/// A crossing along another axis than the edge's.
+struct Nearest {
+    edge: Edge,
+    /// Of the normal along that axis.
+    sign: f32,
+    /// How near it is, squared.
+    distance: f32,
+}
+
+/// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends.
+fn nearest<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<Nearest> {
     let t = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
-    let mut best: Option<(f32, Edge, f32)> = None;
+    let mut best: Option<Nearest> = None;
     for (sign, labels) in [(1.0, edge.labels), (-1.0, [edge.labels[1], edge.labels[0]])] {
         for end in 0..2 {
             let mut from = edge.from;
@@ -95,12 +113,12 @@ fn nearest<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) ->
             // crossing on the edge is nearer to the crossing found.
             let along = if end == 0 { t } else { 1.0 - t };
             let distance = height * height + along * along;
-            if best.is_none_or(|b| distance < b.0) {
-                best = Some((distance, found, sign));
+            if best.as_ref().is_none_or(|b| distance < b.distance) {
+                best = Some(Nearest { edge: found, sign, distance });
             }
         }
     }
-    best.map(|(_, found, sign)| (found, sign))
+    best
 }
 
 /// The unit vector along an axis: where nothing is known.
