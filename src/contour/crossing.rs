@@ -25,6 +25,13 @@ pub trait CrossingRule: Sync {
     /// the (different) materials of the two ends.
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32;
 
+    /// The same position where the data tell it, `None` where the midpoint stands in for it. Labels that
+    /// are all there is tell their midpoints.
+    #[inline]
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
+        Some(self.position(from, axis, labels))
+    }
+
     /// On a face whose corners show `labels[0], labels[1], labels[0], labels[1]` in ring order:
     /// whether the diagonal of ring corners 0 and 2 is joined (else 1 and 3).
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool;
@@ -68,6 +75,11 @@ impl<'a, S: Sample> Level<'a, S> {
 impl<S: Sample> CrossingRule for Level<'_, S> {
     #[inline]
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.located(from, axis, labels).unwrap_or(0.5)
+    }
+
+    #[inline]
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
         let mut to = from;
         to[axis] += 1;
         between(self.above(from), self.above(to), labels)
@@ -119,11 +131,15 @@ impl<'a, S: Sample> Thresholds<'a, S> {
 impl<S: Sample> CrossingRule for Thresholds<'_, S> {
     #[inline]
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.located(from, axis, labels).unwrap_or(0.5)
+    }
+
+    #[inline]
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
         let mut to = from;
         to[axis] += 1;
         let threshold = self.threshold(labels);
-        let (Some(f), Some(g)) = (self.above(from, threshold), self.above(to, threshold)) else { return 0.5 };
-        between(f, g, labels)
+        between(self.above(from, threshold)?, self.above(to, threshold)?, labels)
     }
 
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
@@ -135,11 +151,11 @@ impl<S: Sample> CrossingRule for Thresholds<'_, S> {
 }
 
 /// Where linear interpolation between `f` and `g`, grey values above the threshold at the ends of an edge,
-/// meets zero; the midpoint if they do not straddle it as the labels do.
+/// meets zero; `None` if they do not straddle it as the labels do.
 #[inline]
-fn between(f: f32, g: f32, labels: [MaterialId; 2]) -> f32 {
+fn between(f: f32, g: f32, labels: [MaterialId; 2]) -> Option<f32> {
     let straddle = (f < 0.0) != (g < 0.0) && (f < 0.0) == (labels[0] < labels[1]);
-    if straddle { (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN) } else { 0.5 }
+    straddle.then(|| (f / (f - g)).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN))
 }
 
 /// Whether the diagonal of corners 0 and 2 is joined on a face with these grey values above the threshold.

@@ -7,7 +7,7 @@
 mod crossing;
 pub mod dual;
 mod error;
-mod hermite;
+pub mod hermite;
 mod isosurface;
 pub mod marching;
 mod patch;
@@ -16,7 +16,7 @@ mod piece;
 
 pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
 pub use error::ContourError;
-pub use hermite::{Hermite, HermiteRule};
+pub use hermite::{Hermite, HermiteRule, NormalRule};
 pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
 pub use piece::{Piece, SeamKey, layers_of, merge};

@@ -1,0 +1,123 @@
+//! Hermite data of grey volumes.
+
+use glam::Vec3;
+
+use super::columns::{Edge, Finder, Reach};
+use super::noise::Qualities;
+use super::plane::Demand;
+use super::{Hermite, HermiteRule, NormalRule, UNKNOWN_WEIGHT, gradient, in_lengths, inverse_lengths, sided};
+use crate::classify::LabelVolume;
+use crate::contour::crossing::CrossingRule;
+use crate::grid::MaterialId;
+use crate::volume::{Sample, Slab};
+
+/// Columns on each side for the plane through crossings that are known.
+const REACH: usize = 2;
+/// And where the crossing itself is not: most around it are not either, and make stairs.
+const UNKNOWN_REACH: usize = 3;
+/// How well a plane must explain them.
+const DEMAND: Demand = Demand { accepted: 2.5, agrees: 9.0 };
+/// Standard deviation of crossings without noise, in voxels: what linear interpolation on a step that is
+/// not linear is off by.
+const INTERPOLATION: f32 = 0.06;
+/// The smoothed gradient is taken for a smooth face if it lies within this cosine (15 degrees) of its plane:
+/// else something near the face, not seen in its crossings, has spoilt it.
+const AGREE: f32 = 0.966;
+
+/// Crossings by `C` ([`Thresholds`](crate::contour::Thresholds) or [`Level`](crate::contour::Level)) with
+/// normals by a [`NormalRule`].
+#[derive(Debug, Clone)]
+pub struct GreyHermite<'a, C, S> {
+    crossings: C,
+    slab: Slab<'a, S>,
+    labels: &'a LabelVolume,
+    inverse: [f32; 3],
+    materials: usize,
+    rule: NormalRule,
+    /// Square of the standard deviation of known crossings, voxels, for each pair of materials.
+    variances: Vec<f32>,
+}
+
+impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
+    /// `crossings` must be of the grey values in `slab` and the materials in `labels`; spacing in mm per axis.
+    #[must_use]
+    pub fn new(
+        crossings: C,
+        slab: Slab<'a, S>,
+        labels: &'a LabelVolume,
+        spacing: [f64; 3],
+        rule: NormalRule,
+        qualities: &Qualities,
+    ) -> Self {
+        let n = qualities.materials();
+        let id = |i: usize| MaterialId(i as u8);
+        let variance = |i: usize| {
+            let sigma = qualities.of([id(i / n), id(i % n)]).position_sigma() as f32;
+            INTERPOLATION * INTERPOLATION + sigma * sigma
+        };
+        let variances = (0..n * n).map(variance).collect();
+        Self { crossings, slab, labels, inverse: inverse_lengths(spacing), materials: n, rule, variances }
+    }
+
+    /// By the crossings around; for `Auto` by the smoothed gradient where those are one smooth face.
+    fn sided(&self, edge: &Edge, located: Option<f32>) -> Option<Vec3> {
+        let [a, b] = edge.labels.map(|id| usize::from(id.0));
+        let variance = self.variances[a * self.materials + b];
+        let within = Reach::of(edge, self.labels.size());
+        let finder = Finder { labels: self.labels, crossings: &self.crossings, reach: within, variance };
+        let reach = if located.is_some() { REACH } else { UNKNOWN_REACH };
+        let side = sided::plane(&finder, edge, reach, DEMAND)?;
+        let normal = in_lengths(side.covector, self.inverse)?;
+        if self.rule == NormalRule::Auto
+            && side.smooth
+            && let Some(t) = located
+            && let Some(smoothed) = self.gradient(NormalRule::Smoothed, edge, t)
+            && smoothed.dot(normal) > AGREE
+        {
+            return Some(smoothed);
+        }
+        Some(normal)
+    }
+
+    /// By grey values, if the rule says so.
+    #[inline]
+    fn gradient(&self, rule: NormalRule, edge: &Edge, t: f32) -> Option<Vec3> {
+        let voxel = edge.from.map(|p| p - 1);
+        let rising = match rule {
+            NormalRule::Gradient => gradient::published(self.slab, voxel, edge.axis, t, self.inverse),
+            NormalRule::Smoothed => gradient::smoothed(self.slab, voxel, edge.axis, t, self.inverse),
+            NormalRule::Auto | NormalRule::Sided => None,
+        }?;
+        // Grey values ascend with the ids of materials.
+        Some(if edge.labels[0] < edge.labels[1] { rising } else { -rising })
+    }
+}
+
+impl<C: CrossingRule, S: Sample> CrossingRule for GreyHermite<'_, C, S> {
+    #[inline]
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.crossings.position(from, axis, labels)
+    }
+
+    #[inline]
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
+        self.crossings.located(from, axis, labels)
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        self.crossings.joins_first(ring, labels)
+    }
+}
+
+impl<C: CrossingRule, S: Sample> HermiteRule for GreyHermite<'_, C, S> {
+    /// # Panics
+    /// If samples or labels held do not reach [`HALO`](super::HALO) slices beyond the edge, or a material is
+    /// not one of those given.
+    fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite {
+        let located = self.crossings.located(from, axis, labels);
+        let (position, weight) = located.map_or((0.5, UNKNOWN_WEIGHT), |t| (t, 1.0));
+        let edge = Edge { from, axis, labels };
+        let normal = self.gradient(self.rule, &edge, position).or_else(|| self.sided(&edge, located));
+        Hermite { position, normal: normal.unwrap_or_else(|| sided::along(axis)), weight }
+    }
+}
