@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabPlan, classify_slabs, halo};
+use crate::contour::dual::Statistics;
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
@@ -28,7 +29,7 @@ use crate::with_sample_type;
 
 pub use denoise::DenoiseFound;
 pub use error::PipelineError;
-pub use options::{IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold};
+pub use options::{DualMethod, Method, Tolerance, IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold};
 pub use sink::{MeshSink, SinkError};
 
 use memory_plan::MemoryPlan;
@@ -55,6 +56,8 @@ pub struct Findings {
     pub classification: Option<ClassifyCounts>,
     /// Voxels of each material in the end.
     pub voxels: Vec<u64>,
+    /// What adaptive dual contouring did; `None` for marching.
+    pub dual: Option<Statistics>,
     /// What each stage cost.
     pub costs: CostLog,
 }
@@ -207,13 +210,14 @@ impl<S: Sample> Run<'_, S> {
             geometry: &geometry,
             materials: MeshMaterial::from_table(&materials),
             border: self.options.border,
+            method: self.options.method,
             slices: self.memory.contouring(materials.count(), &self.plan(&materials, &blur)?)?,
             piece: self.memory.piece,
             execution: self.execution,
         };
-        surface.extract(
+        let dual = surface.extract(
             &mut self.window,
-            Crossings::Thresholds { store: Box::new(store), materials: &materials },
+            Crossings::Thresholds { store: Box::new(store), materials: &materials, blur: blur.sigma_of_mean_edge() },
             sink,
             &mut self.costs,
         )?;
@@ -225,6 +229,7 @@ impl<S: Sample> Run<'_, S> {
             iso: None,
             blur: Some(blur),
             voxels: counts.labelled.clone(),
+            dual,
             classification: Some(counts),
             costs: self.costs,
         })
@@ -251,12 +256,13 @@ impl<S: Sample> Run<'_, S> {
             geometry: &geometry,
             materials: MeshMaterial::from_table(&materials),
             border: self.options.border,
+            method: self.options.method,
             slices,
             piece: self.memory.piece,
             execution: self.execution,
         };
         let voxels = ids.voxels().to_vec();
-        surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
+        let dual = surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
         let (rejected, blur, classification) = (Vec::new(), None, None);
         Ok(Findings {
             geometry,
@@ -267,6 +273,7 @@ impl<S: Sample> Run<'_, S> {
             blur,
             classification,
             voxels,
+            dual,
             costs: self.costs,
         })
     }
@@ -301,13 +308,14 @@ impl<S: Sample> Run<'_, S> {
             geometry: &geometry,
             materials: MeshMaterial::from_table(&materials),
             border: self.options.border,
+            method: self.options.method,
             slices: slices.min(self.memory.contouring(materials.count(), &plan)?),
             piece: self.memory.piece,
             execution: self.execution,
         };
-        surface.extract(
+        let dual = surface.extract(
             &mut self.window,
-            Crossings::Level { iso: iso.grey as f32 },
+            Crossings::Level { iso: iso.grey as f32, materials: &materials },
             sink,
             &mut self.costs,
         )?;
@@ -322,6 +330,7 @@ impl<S: Sample> Run<'_, S> {
             blur,
             classification,
             voxels,
+            dual,
             costs: self.costs,
         })
     }

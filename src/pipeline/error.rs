@@ -45,6 +45,12 @@ pub enum PipelineError {
         /// Its name.
         material: String,
     },
+    /// A tolerance that is no number.
+    #[error("the tolerance {value} is not a finite number; give a distance in voxels (0.1) or in mm (0.02mm)")]
+    Tolerance {
+        /// What was given.
+        value: f64,
+    },
     /// The surface makes no mesh.
     #[error(transparent)]
     Mesh(#[from] MeshError),

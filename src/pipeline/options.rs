@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::PipelineError;
 use crate::classify::check_radius;
-use crate::contour::Border;
+use crate::contour::dual::{Bound, Placement};
+use crate::contour::{Border, NormalRule};
 use crate::grid::Geometry;
 use crate::material::{FindError, MaterialTable, MaterialTableError, check_count, radius_per_axis};
 use crate::volume::Denoise;
@@ -21,6 +22,70 @@ pub struct PipelineOptions {
     pub radius: Option<f64>,
     /// What happens at the volume's border.
     pub border: Border,
+    /// How the surface is made.
+    pub method: Method,
+}
+
+/// How the surface is made.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Generalized marching cubes: triangles in every cell (Fujimori and Suzuki).
+    #[default]
+    Marching,
+    /// Adaptive dual contouring: few triangles where the surface is flat, sharp edges kept (Li et al. 2022).
+    Dual(DualMethod),
+}
+
+/// How adaptive dual contouring simplifies.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DualMethod {
+    /// How far the surface may move.
+    pub tolerance: Tolerance,
+    /// Where a vertex goes whose best place is outside its block.
+    pub placement: Placement,
+    /// How normals are estimated; segmented volumes have one way only.
+    pub normals: NormalRule,
+}
+
+/// How far simplification may move the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Tolerance {
+    /// What the noise of the scan asks for: see [`Tolerance::LEAST`] and [`Tolerance::PER_SIGMA`].
+    #[default]
+    Auto,
+    /// Root mean square distance in voxels (of mean edge length); negative: no simplification.
+    Voxels(f64),
+    /// The same in mm.
+    Millimetres(f64),
+    /// The paper's parameter: sum of squared distances in voxels squared; negative: no simplification.
+    Phi(f64),
+    /// The one that gives about this many triangles.
+    Triangles(u64),
+}
+
+impl Tolerance {
+    /// The tolerance of a scan without noise, in voxels.
+    pub const LEAST: f64 = 0.1;
+    /// The tolerance of a noisy scan in standard deviations of its crossings: below about one of them
+    /// hardly anything may collapse.
+    pub const PER_SIGMA: f64 = 1.5;
+
+    /// The bound for a volume that lies as `geometry` says and whose crossings are known to a standard deviation of
+    /// `sigma` voxels.
+    #[must_use]
+    pub fn bound(self, geometry: &Geometry, sigma: f64) -> Bound {
+        let unless_negative = |value: f64, bound: Bound| if value < 0.0 { Bound::None } else { bound };
+        match self {
+            Self::Auto => Bound::Rms(Self::LEAST.max(Self::PER_SIGMA * sigma)),
+            Self::Voxels(rms) => unless_negative(rms, Bound::Rms(rms)),
+            Self::Millimetres(mm) => unless_negative(mm, Bound::Rms(mm / geometry.voxel_edge())),
+            Self::Phi(sum) => unless_negative(sum, Bound::Sum(sum)),
+            Self::Triangles(count) => Bound::Triangles(count),
+        }
+    }
 }
 
 /// Where the materials come from.
@@ -110,6 +175,15 @@ impl PipelineOptions {
             }
         }
         self.check_denoise(geometry)?;
+        if let Method::Dual(DualMethod { tolerance, .. }) = self.method {
+            let value = match tolerance {
+                Tolerance::Voxels(v) | Tolerance::Millimetres(v) | Tolerance::Phi(v) => v,
+                Tolerance::Auto | Tolerance::Triangles(_) => 0.0,
+            };
+            if !value.is_finite() {
+                return Err(PipelineError::Tolerance { value });
+            }
+        }
         if let Some(radius) = self.radius {
             check_radius(radius_per_axis(radius, geometry))?;
         }
