@@ -29,7 +29,9 @@ use crate::with_sample_type;
 
 pub use denoise::DenoiseFound;
 pub use error::PipelineError;
-pub use options::{DualMethod, Method, Tolerance, IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold};
+pub use options::{
+    DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
+};
 pub use sink::{MeshSink, SinkError};
 
 use memory_plan::MemoryPlan;
@@ -217,7 +219,11 @@ impl<S: Sample> Run<'_, S> {
         };
         let dual = surface.extract(
             &mut self.window,
-            Crossings::Thresholds { store: Box::new(store), materials: &materials, blur: blur.sigma_of_mean_edge() },
+            Crossings::Thresholds {
+                store: Box::new(store),
+                materials: &materials,
+                blur: blur.sigma_mm.map(|mm| mm / geometry.voxel_edge()),
+            },
             sink,
             &mut self.costs,
         )?;
@@ -262,7 +268,8 @@ impl<S: Sample> Run<'_, S> {
             execution: self.execution,
         };
         let voxels = ids.voxels().to_vec();
-        let dual = surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
+        let dual =
+            surface.extract(&mut self.window, Crossings::Midpoints { ids: &ids }, sink, &mut self.costs)?;
         let (rejected, blur, classification) = (Vec::new(), None, None);
         Ok(Findings {
             geometry,

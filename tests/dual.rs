@@ -43,7 +43,7 @@ fn contour(
     let mut builder = Builder::new(geometry);
     let layers = 0..geometry.size()[2] + 1;
     builder.add(labels, rule, layers, &execution, &execution.stage("", 0)).unwrap();
-    let options = DualOptions { bound, placement: Placement::Clamped };
+    let options = DualOptions { bound, placement: Placement::Clamped, deviation: false };
     builder.finish(geometry, &options, border, &execution).unwrap()
 }
 

@@ -12,12 +12,14 @@ use serde::Deserialize;
 
 use super::failure;
 use super::input::InputArgs;
-use crate::contour::Border;
+use crate::contour::dual::Placement;
+use crate::contour::{Border, NormalRule};
 use crate::execution::{Execution, available_memory};
 use crate::export::StagedFolder;
 use crate::mesh::CheckOptions;
 use crate::pipeline::{
-    DenoiseFound, IsoValue, MaterialChoice, NamedGrey, PipelineOptions, Threshold, extract_into,
+    DenoiseFound, DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold,
+    Tolerance, extract_into,
 };
 use crate::report::{InputReport, ResultWriter, RunReport};
 use crate::volume::Denoise;
@@ -116,6 +118,41 @@ pub(crate) struct Args {
     #[arg(long, value_enum, default_value_t = BorderName::Closed, help_heading = "Surface")]
     border: BorderName,
 
+    /// How to make the surface: `marching` (generalized marching cubes, triangles in every cell) or
+    /// `dual` (adaptive dual contouring: few triangles where the surface is flat, sharp edges kept).
+    #[arg(long, value_enum, default_value_t = MethodName::Marching, help_heading = "Surface")]
+    method: MethodName,
+
+    /// How far `dual` may move the surface: root mean square distance in voxels, or in mm (0.02mm);
+    /// negative: no simplification [default: 0.1, more in a noisy scan].
+    #[arg(long, value_name = "DISTANCE", allow_negative_numbers = true, help_heading = "Surface", conflicts_with_all = ["phi", "target_triangles"])]
+    tolerance: Option<ToleranceArg>,
+
+    /// The same as the parameter of Li et al. 2022: the sum of squared distances that a collapse may
+    /// make, in voxels squared.
+    #[arg(
+        long,
+        value_name = "PHI",
+        allow_negative_numbers = true,
+        help_heading = "Surface",
+        conflicts_with = "target_triangles"
+    )]
+    phi: Option<f64>,
+
+    /// Let `dual` find the tolerance that gives about N triangles.
+    #[arg(long, value_name = "N", help_heading = "Surface", value_parser = clap::value_parser!(u64).range(1..))]
+    target_triangles: Option<u64>,
+
+    /// Where `dual` puts a vertex whose best place lies outside its block: at the best point inside, or
+    /// at the mean of its crossings as in the paper.
+    #[arg(long, value_enum, default_value_t = QefName::Clamped, help_heading = "Surface")]
+    qef: QefName,
+
+    /// How `dual` estimates normals: from the scan as it asks for (auto), by central differences as in
+    /// the paper (gradient), of the smoothed scan (smoothed), or from the crossings around (sided).
+    #[arg(long, value_enum, default_value_t = NormalsName::Auto, help_heading = "Surface")]
+    normals: NormalsName,
+
     /// How thoroughly to check the mesh: `full` looks for self-intersections too, which takes
     /// several times as long as everything else.
     #[arg(long, value_enum, default_value_t = CheckName::Full, help_heading = "Run")]
@@ -142,6 +179,45 @@ pub(crate) struct Args {
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum ThresholdName {
     OtsuMode,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum MethodName {
+    Marching,
+    Dual,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum QefName {
+    Clamped,
+    Paper,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum NormalsName {
+    Auto,
+    Gradient,
+    Smoothed,
+    Sided,
+}
+
+/// A distance in voxels, or in mm with its unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct ToleranceArg(Tolerance);
+
+impl FromStr for ToleranceArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (number, unit): (_, fn(f64) -> Tolerance) = match text.strip_suffix("mm") {
+            Some(number) => (number, Tolerance::Millimetres),
+            None => (text.strip_suffix("vx").unwrap_or(text), Tolerance::Voxels),
+        };
+        match number.trim().parse::<f64>() {
+            Ok(value) if value.is_finite() => Ok(Self(unit(value))),
+            _ => Err(format!("'{text}' is not a distance: give voxels (0.1) or mm (0.02mm)")),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -213,7 +289,37 @@ impl Args {
             BorderName::Closed => Border::Closed,
             BorderName::Open => Border::Open,
         };
-        Ok(PipelineOptions { denoise: self.denoise.0, materials, radius: self.radius, border })
+        let method = self.method()?;
+        Ok(PipelineOptions { denoise: self.denoise.0, materials, radius: self.radius, border, method })
+    }
+}
+
+impl Args {
+    fn method(&self) -> anyhow::Result<Method> {
+        let tolerance = match (self.tolerance, self.phi, self.target_triangles) {
+            (Some(ToleranceArg(tolerance)), ..) => tolerance,
+            (None, Some(phi), _) => Tolerance::Phi(phi),
+            (None, None, Some(count)) => Tolerance::Triangles(count),
+            (None, None, None) => Tolerance::Auto,
+        };
+        let placement = match self.qef {
+            QefName::Clamped => Placement::Clamped,
+            QefName::Paper => Placement::Paper,
+        };
+        let normals = match self.normals {
+            NormalsName::Auto => NormalRule::Auto,
+            NormalsName::Gradient => NormalRule::Gradient,
+            NormalsName::Smoothed => NormalRule::Smoothed,
+            NormalsName::Sided => NormalRule::Sided,
+        };
+        let dual = DualMethod { tolerance, placement, normals };
+        match self.method {
+            MethodName::Dual => Ok(Method::Dual(dual)),
+            MethodName::Marching if dual == DualMethod::default() => Ok(Method::Marching),
+            MethodName::Marching => bail!(
+                "--tolerance, --phi, --target-triangles, --qef and --normals belong to --method dual; add it, or leave them out"
+            ),
+        }
     }
 }
 

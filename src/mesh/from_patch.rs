@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::MeshPiece;
 use super::interface_mesh::{InterfaceMesh, MeshError, MeshMaterial};
+use crate::contour::dual::DualSurface;
 use crate::contour::{Patch, Piece};
 use crate::grid::Geometry;
 use crate::material::MaterialTable;
@@ -35,6 +36,17 @@ impl InterfaceMesh {
         if geometry.is_mirrored() {
             triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
         }
+        Self::new(positions, kinds, triangles, pairs, materials)
+    }
+}
+
+impl InterfaceMesh {
+    /// The mesh of a surface made by dual contouring, which is in the world already.
+    ///
+    /// # Errors
+    /// As [`InterfaceMesh::new`]; a surface made by contouring gives none.
+    pub fn from_dual(surface: DualSurface, materials: Vec<MeshMaterial>) -> Result<Self, MeshError> {
+        let DualSurface { positions, kinds, triangles, pairs, .. } = surface;
         Self::new(positions, kinds, triangles, pairs, materials)
     }
 }

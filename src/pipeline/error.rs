@@ -46,7 +46,9 @@ pub enum PipelineError {
         material: String,
     },
     /// A tolerance that is no number.
-    #[error("the tolerance {value} is not a finite number; give a distance in voxels (0.1) or in mm (0.02mm)")]
+    #[error(
+        "the tolerance {value} is not a finite number; give a distance in voxels (0.1) or in mm (0.02mm)"
+    )]
     Tolerance {
         /// What was given.
         value: f64,

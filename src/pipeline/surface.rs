@@ -3,14 +3,16 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::{MeshSink, PipelineError};
+use super::{DualMethod, MeshSink, Method, PipelineError};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
+use crate::contour::dual::{Builder, DualOptions, Statistics};
+use crate::contour::hermite::{GreyHermite, HALO, LabelHermite, PairQuality, Qualities};
 use crate::contour::marching::march_pieces;
 use crate::contour::{Border, CrossingRule, Level, Midpoints, Piece, Thresholds, layers_of};
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
 use crate::material::MaterialTable;
-use crate::mesh::{MeshMaterial, MeshPiece};
+use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
 use crate::volume::{Sample, SampleWindow};
 
 /// Its name as a stage.
@@ -19,11 +21,16 @@ pub(super) const STAGE: &str = "extracting the surface";
 /// Where labels come from, and what decides the position of crossings.
 pub(super) enum Crossings<'a> {
     /// A classified volume: thresholds.
-    Thresholds { store: Box<LabelStore>, materials: &'a MaterialTable },
+    Thresholds {
+        store: Box<LabelStore>,
+        materials: &'a MaterialTable,
+        /// Sigma of the blur, in voxels of mean edge, if known.
+        blur: Option<f64>,
+    },
     /// The samples are labels: midpoints.
     Midpoints { ids: &'a KnownLabels },
     /// Two materials: those of one grey value.
-    Level { iso: f32 },
+    Level { iso: f32, materials: &'a MaterialTable },
 }
 
 /// How to extract a surface.
@@ -31,6 +38,7 @@ pub(super) struct Surface<'a> {
     pub(super) geometry: &'a Geometry,
     pub(super) materials: Vec<MeshMaterial>,
     pub(super) border: Border,
+    pub(super) method: Method,
     /// Slices of a slab.
     pub(super) slices: usize,
     /// Triangles of a piece.
@@ -39,8 +47,22 @@ pub(super) struct Surface<'a> {
 }
 
 impl Surface<'_> {
-    /// Extracts the surface in slabs and hands it to `sink` in pieces.
+    /// Extracts the surface and hands it to `sink`.
     pub(super) fn extract<S: Sample>(
+        &self,
+        window: &mut SampleWindow<'_, S>,
+        crossings: Crossings<'_>,
+        sink: &mut dyn MeshSink,
+        costs: &mut CostLog,
+    ) -> Result<Option<Statistics>, PipelineError> {
+        match self.method {
+            Method::Marching => self.march(window, crossings, sink, costs).map(|()| None),
+            Method::Dual(method) => self.dual(window, crossings, &method, sink, costs).map(Some),
+        }
+    }
+
+    /// Marching: in slabs, and in pieces to the sink.
+    fn march<S: Sample>(
         &self,
         window: &mut SampleWindow<'_, S>,
         mut crossings: Crossings<'_>,
@@ -55,7 +77,7 @@ impl Surface<'_> {
         window.sweep(self.slices, 1, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             match &mut crossings {
-                Crossings::Thresholds { store, materials } => {
+                Crossings::Thresholds { store, materials, .. } => {
                     let (labels, junction) = store.read(layers.start..layers.end + 1)?;
                     out.march(&labels, &Thresholds::new(slab, &junction, materials), layers)
                 }
@@ -63,7 +85,7 @@ impl Surface<'_> {
                     let labels = LabelVolume::of_known(slab, ids, layers.start..layers.end + 1);
                     out.march(&labels, &Midpoints, layers)
                 }
-                Crossings::Level { iso } => {
+                Crossings::Level { iso, .. } => {
                     let labels = LabelVolume::of_threshold(slab, *iso, layers.start..layers.end + 1);
                     out.march(&labels, &Level::new(slab, *iso), layers)
                 }
@@ -72,6 +94,84 @@ impl Surface<'_> {
         let sink_seconds = out.seconds;
         costs.add("contour", started.elapsed().as_secs_f64() - sink_seconds);
         Ok(())
+    }
+
+    /// Dual contouring: leaves and Hermite data in slabs, then the surface as a whole, as one piece.
+    fn dual<S: Sample>(
+        &self,
+        window: &mut SampleWindow<'_, S>,
+        mut crossings: Crossings<'_>,
+        method: &DualMethod,
+        sink: &mut dyn MeshSink,
+        costs: &mut CostLog,
+    ) -> Result<Statistics, PipelineError> {
+        let (size, spacing) = (self.geometry.size(), self.geometry.spacing());
+        sink.begin(self.geometry, &self.materials)?;
+        let started = Instant::now();
+        let stage = self.execution.stage(STAGE, size[2] as u64 + 1);
+        let qualities = crossings.qualities();
+        let mut builder = Builder::new(self.geometry);
+        window.sweep(self.slices, HALO + 1, |slab, core| {
+            let layers = layers_of(&(core.start + 1..core.end + 1));
+            let known = layers.start.saturating_sub(HALO)..(layers.end + 1 + HALO).min(size[2] + 2);
+            let normals = method.normals;
+            match &mut crossings {
+                Crossings::Thresholds { store, materials, .. } => {
+                    let (labels, junction) = store.read(known)?;
+                    let rule = Thresholds::new(slab, &junction, materials);
+                    let rule = GreyHermite::new(rule, slab, &labels, spacing, normals, &qualities);
+                    builder.add(&labels, &rule, layers, self.execution, &stage)?;
+                }
+                Crossings::Midpoints { ids } => {
+                    let labels = LabelVolume::of_known(slab, ids, known);
+                    builder.add(
+                        &labels,
+                        &LabelHermite::new(&labels, spacing),
+                        layers,
+                        self.execution,
+                        &stage,
+                    )?;
+                }
+                Crossings::Level { iso, .. } => {
+                    let labels = LabelVolume::of_threshold(slab, *iso, known);
+                    let rule = Level::new(slab, *iso);
+                    let rule = GreyHermite::new(rule, slab, &labels, spacing, normals, &qualities);
+                    builder.add(&labels, &rule, layers, self.execution, &stage)?;
+                }
+            }
+            Ok::<_, PipelineError>(())
+        })?;
+        drop(stage);
+        costs.add("contour", started.elapsed().as_secs_f64());
+        let started = Instant::now();
+        let bound = method.tolerance.bound(self.geometry, crossings.position_sigma(&qualities));
+        let options = DualOptions { bound, placement: method.placement, deviation: true };
+        let surface = builder.finish(self.geometry, &options, self.border, self.execution)?;
+        costs.add("simplify", started.elapsed().as_secs_f64());
+        let statistics = surface.statistics.clone();
+        let mesh = InterfaceMesh::from_dual(surface, self.materials.clone())?;
+        sink.add(MeshPiece::whole(mesh))?;
+        Ok(statistics)
+    }
+}
+
+impl Crossings<'_> {
+    /// How well crossings are known.
+    fn qualities(&self) -> Qualities {
+        match self {
+            Self::Thresholds { materials, blur, .. } => Qualities::new(materials, *blur),
+            Self::Level { materials, .. } => Qualities::new(materials, None),
+            Self::Midpoints { .. } => Qualities::alike(0, PairQuality::default()),
+        }
+    }
+
+    /// Standard deviation of the positions of crossings, voxels of mean edge: of the pair where it is largest.
+    fn position_sigma(&self, qualities: &Qualities) -> f64 {
+        match self {
+            // Anywhere between two voxels.
+            Self::Midpoints { .. } => (1.0f64 / 12.0).sqrt(),
+            _ => qualities.worst_position_sigma(),
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::classify::ClassifyCounts;
 use crate::contour::Border;
+use crate::contour::dual::Statistics;
 use crate::execution::CostLog;
 use crate::grid::{Geometry, MaterialId, VertexKind};
 use crate::material::{Blur, Material, MaterialTable, Rejected};
@@ -38,6 +39,8 @@ pub struct RunReport {
     /// Voxels per class after each pass, junction voxels, rounds of thinning; `None` where the
     /// blur is.
     pub classification: Option<ClassifyCounts>,
+    /// What adaptive dual contouring did; `None` for marching.
+    pub dual: Option<Statistics>,
     /// Number of vertices.
     pub vertices: u64,
     /// Number of triangles.
@@ -203,6 +206,7 @@ impl RunReport {
             iso: findings.iso.clone(),
             blur: findings.blur,
             classification: findings.classification.clone(),
+            dual: findings.dual.clone(),
             vertices: mesh.measures.vertices,
             triangles: mesh.measures.triangles,
             pairs: pairs.collect(),

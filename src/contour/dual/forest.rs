@@ -34,39 +34,46 @@ pub(super) struct Forest {
 }
 
 impl Forest {
-    /// Collapses all roots.
+    /// Leaves alone.
+    pub(super) fn new(leaves: Leaves) -> Self {
+        let (first_nodes, parents) = (vec![0; leaves.roots.len() + 1], vec![NONE; leaves.places.len()]);
+        let (nodes, split) = (Vec::new(), Vec::new());
+        Self { leaves, nodes, first_nodes, parents, split, collapses: Collapses::default() }
+    }
+
+    /// Collapses all roots anew.
     pub(super) fn grow(
-        leaves: Leaves,
+        &mut self,
         bound: Bound,
         placement: Placement,
         execution: &Execution,
         stage: &Stage<'_>,
-    ) -> Result<Self, ContourError> {
-        let trees: Vec<Tree> = leaves
+    ) -> Result<(), ContourError> {
+        let trees: Vec<Tree> = self
+            .leaves
             .roots
             .par_iter()
             .map(|root| {
                 execution.check()?;
-                let tree = collapse(&leaves, root, bound, placement);
+                let tree = collapse(&self.leaves, root, bound, placement);
                 stage.advance(1);
                 Ok(tree)
             })
             .collect::<Result<_, ContourError>>()?;
-        let mut nodes = Vec::with_capacity(trees.iter().map(|t| t.nodes.len()).sum());
-        let mut parents = Vec::with_capacity(leaves.places.len());
-        let mut first_nodes = Vec::with_capacity(trees.len() + 1);
-        let mut collapses = Collapses::default();
-        for tree in &trees {
-            let first = nodes.len() as u32;
+        self.nodes = Vec::with_capacity(trees.iter().map(|t| t.nodes.len()).sum());
+        self.collapses = Collapses::default();
+        for (i, (tree, root)) in trees.iter().zip(&self.leaves.roots).enumerate() {
+            let first = self.nodes.len() as u32;
             let global = |n: u32| if n == NONE { NONE } else { n + first };
-            first_nodes.push(first);
-            nodes.extend(tree.nodes.iter().map(|n| Node { parent: global(n.parent), ..*n }));
-            parents.extend(tree.parents.iter().map(|&p| global(p)));
-            collapses.merge(&tree.collapses);
+            self.first_nodes[i] = first;
+            self.nodes.extend(tree.nodes.iter().map(|n| Node { parent: global(n.parent), ..*n }));
+            let parents = &mut self.parents[root.leaves.start as usize..root.leaves.end as usize];
+            parents.iter_mut().zip(&tree.parents).for_each(|(to, &from)| *to = global(from));
+            self.collapses.merge(&tree.collapses);
         }
-        first_nodes.push(nodes.len() as u32);
-        let split = vec![false; nodes.len()];
-        Ok(Self { leaves, nodes, first_nodes, parents, split, collapses })
+        self.first_nodes[trees.len()] = self.nodes.len() as u32;
+        self.split = vec![false; self.nodes.len()];
+        Ok(())
     }
 
     /// What is the vertex of a leaf.

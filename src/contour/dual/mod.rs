@@ -4,6 +4,8 @@
 //! [`Builder`] takes the volume's layers one after the other; [`Builder::finish`] makes the surface.
 
 mod build;
+mod census;
+mod deviation;
 mod flips;
 mod forest;
 mod grading;
@@ -21,5 +23,8 @@ mod topology;
 mod vertices;
 
 pub use build::Builder;
+pub use census::{NodeCounts, PairPolygons};
+pub use deviation::Deviation;
 pub use octree::{Bound, Collapses, Placement};
+pub use remedy::Remedy;
 pub use surface::{DualOptions, DualSurface, Statistics};

@@ -26,13 +26,15 @@ pub enum Bound {
     Rms(f64),
     /// While the sum of squared distances is less than this, in voxels squared: the paper's parameter.
     Sum(f64),
+    /// With the root mean square distance that gives about this many triangles.
+    Triangles(u64),
 }
 
 impl Bound {
     /// Whether an error, summed over `count` planes, is admitted.
     pub(super) fn admits(self, error: f64, count: f64) -> bool {
         match self {
-            Self::None => false,
+            Self::None | Self::Triangles(_) => false,
             Self::Rms(rms) => error <= rms * rms * count,
             Self::Sum(sum) => error < sum,
         }

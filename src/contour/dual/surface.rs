@@ -5,6 +5,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Builder;
+use super::census::{self, NodeCounts, PairPolygons};
+use super::deviation::{Deviation, deviation};
 use super::flips::{FlipMesh, FlipOptions, flip};
 use super::forest::Forest;
 use super::grading::grade;
@@ -12,6 +14,7 @@ use super::octree::{Bound, Collapses, Placement};
 use super::placement::World;
 use super::polygons::Triangles;
 use super::remedy::{Making, Remedy, mend};
+use super::vertices::Vertices;
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
 use crate::execution::Execution;
@@ -25,17 +28,29 @@ pub struct DualOptions {
     pub bound: Bound,
     /// Where a vertex goes whose best place is outside its block.
     pub placement: Placement,
+    /// Whether to measure the distance from the unsimplified mesh, which takes about as long as simplifying.
+    pub deviation: bool,
 }
 
 impl Default for DualOptions {
     fn default() -> Self {
-        Self { bound: Bound::Rms(0.1), placement: Placement::Clamped }
+        Self { bound: Bound::Rms(0.1), placement: Placement::Clamped, deviation: true }
     }
 }
 
 /// What simplification did.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
+    /// The bound that was used.
+    pub bound: Bound,
+    /// Nodes of the octree by type.
+    pub nodes: NodeCounts,
+    /// Crossings and polygons of each interface.
+    pub polygons: Vec<PairPolygons>,
+    /// How many percent fewer triangles than the unsimplified mesh the result has.
+    pub simplification_percent: f64,
+    /// Distance from the unsimplified mesh; `None` without simplification.
+    pub deviation: Option<Deviation>,
     /// Collapses made and refused.
     pub collapses: Collapses,
     /// Nodes split by grading.
@@ -47,7 +62,7 @@ pub struct Statistics {
 }
 
 /// A labelled surface in the world.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct DualSurface {
     /// Vertex positions, mm.
     pub positions: Vec<DVec3>,
@@ -73,32 +88,109 @@ impl Builder {
         border: Border,
         execution: &Execution,
     ) -> Result<DualSurface, ContourError> {
-        let leaves = self.into_leaves();
-        let stage = execution.stage("simplifying", leaves.roots.len() as u64);
-        let mut forest = Forest::grow(leaves, options.bound, options.placement, execution, &stage)?;
-        drop(stage);
-        let graded = grade(&mut forest);
-        execution.check()?;
+        let DualOptions { bound, placement, .. } = *options;
+        let mut forest = Forest::new(self.into_leaves());
+        let bound = match bound {
+            Bound::Triangles(wanted) => bound_for(&mut forest, wanted, placement, border, execution)?,
+            bound => bound,
+        };
+        let graded = grow(&mut forest, bound, placement, execution)?;
         let grid = forest.leaves.grid.clone();
         let world = World::new(geometry, &grid);
-        let DualOptions { bound, placement } = *options;
         let making = Making { bound, placement, border, world: &world, execution };
-        let (_, mut made, remedy) = mend(&mut forest, making)?;
+        let (vertices, mut made, remedy) = mend(&mut forest, making)?;
         let mut flips = 0;
-        if bound != Bound::None {
-            let tolerance = match bound {
-                Bound::Rms(rms) => rms,
-                // A plane's distance that a vertex of a few crossings may have.
-                Bound::Sum(sum) => (sum / 16.0).sqrt(),
-                Bound::None => 0.0,
+        if let Some(tolerance) = tolerance(bound) {
+            let options = FlipOptions {
+                tolerance: tolerance * geometry.voxel_edge(),
+                angle: FLIP_ANGLE,
+                rounds: FLIP_ROUNDS,
             };
-            let options =
-                FlipOptions { tolerance: tolerance * geometry.voxel_edge(), angle: 15.0, rounds: 8 };
             let mesh = FlipMesh { positions: &made.positions, pairs: &made.pairs, locked: &[] };
             flips = flip(mesh, &mut made.triangles, &options, execution)?.count() as u64;
         }
-        let statistics = Statistics { collapses: forest.collapses, graded, remedy, flips };
+        let measured = options.deviation && bound != Bound::None;
+        let polygons = census::polygons(&forest, &vertices, border);
+        let before = 2 * polygons.iter().map(|n| n.crossings).sum::<u64>();
+        let fewer = before.saturating_sub(made.triangles.len() as u64);
+        let statistics = Statistics {
+            bound,
+            nodes: census::nodes(&forest, &vertices),
+            polygons,
+            simplification_percent: 100.0 * fewer as f64 / before.max(1) as f64,
+            deviation: measured
+                .then(|| deviation(&forest, &vertices, &made, placement, &world, geometry.voxel_edge())),
+            collapses: forest.collapses,
+            graded,
+            remedy,
+            flips,
+        };
+        execution.check()?;
         Ok(finished(made, geometry, statistics))
+    }
+}
+
+/// Collapses what the bound admits, and grades; returns how many nodes grading split.
+fn grow(
+    forest: &mut Forest,
+    bound: Bound,
+    placement: Placement,
+    execution: &Execution,
+) -> Result<u64, ContourError> {
+    let stage = execution.stage("simplifying", forest.leaves.roots.len() as u64);
+    forest.grow(bound, placement, execution, &stage)?;
+    drop(stage);
+    let graded = grade(forest);
+    execution.check()?;
+    Ok(graded)
+}
+
+/// Steps of the search for a bound.
+const SEARCH_STEPS: usize = 12;
+
+/// The bound that comes nearest to a number of triangles, found by bisection of its logarithm between a
+/// thousandth of a voxel and 30 voxels.
+fn bound_for(
+    forest: &mut Forest,
+    wanted: u64,
+    placement: Placement,
+    border: Border,
+    execution: &Execution,
+) -> Result<Bound, ContourError> {
+    let mut count = |bound: Bound| {
+        grow(forest, bound, placement, execution)?;
+        Ok::<_, ContourError>(census::triangles(forest, &Vertices::numbered(forest), border))
+    };
+    let mut best = (count(Bound::None)?.abs_diff(wanted), Bound::None);
+    let (mut low, mut high) = (1e-3f64, 30.0f64);
+    for _ in 0..SEARCH_STEPS {
+        let middle = (low * high).sqrt();
+        let found = count(Bound::Rms(middle))?;
+        let off = found.abs_diff(wanted);
+        if off < best.0 {
+            best = (off, Bound::Rms(middle));
+        }
+        if found > wanted {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(best.1)
+}
+
+/// Largest angle between triangles whose common edge is flipped, degrees.
+const FLIP_ANGLE: f64 = 15.0;
+/// Rounds of flips at most.
+const FLIP_ROUNDS: usize = 8;
+
+/// How far flips may move the surface, in voxels.
+fn tolerance(bound: Bound) -> Option<f64> {
+    match bound {
+        Bound::None | Bound::Triangles(_) => None,
+        Bound::Rms(rms) => Some(rms),
+        // The root mean square where the sum is used up by the planes of a small block.
+        Bound::Sum(sum) => Some((sum / 16.0).sqrt().min(1.0)),
     }
 }
 

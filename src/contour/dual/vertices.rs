@@ -37,6 +37,16 @@ pub(super) struct Vertices {
 }
 
 impl Vertices {
+    /// Numbers alone, for counting: leaves and nodes of a forest as it is.
+    pub(super) fn numbered(forest: &Forest) -> Self {
+        let leaves = forest.leaves.places.len() as u32;
+        let number = |leaf: u32| match forest.owner(leaf) {
+            Owner::Leaf(leaf) => leaf,
+            Owner::Node(node) => leaves + node,
+        };
+        Self { all: Vec::new(), of_leaf: (0..leaves).into_par_iter().map(number).collect() }
+    }
+
     /// The vertices of a forest as it is, with what was decided about leaves.
     pub(super) fn new(forest: &Forest, placement: Placement, choices: &Choices) -> Self {
         let by_root: Vec<(Vec<Vertex>, Vec<u32>)> =

@@ -83,6 +83,12 @@ impl Qualities {
         self.materials
     }
 
+    /// The largest standard deviation of positions, of all pairs, voxels of mean edge length.
+    #[must_use]
+    pub fn worst_position_sigma(&self) -> f64 {
+        self.pairs.iter().fold(0.0, |m: f64, q| m.max(q.position_sigma()))
+    }
+
     /// Of a pair of materials.
     ///
     /// # Panics

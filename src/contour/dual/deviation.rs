@@ -1,0 +1,158 @@
+//! How far the simplified surface lies from the unsimplified one.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::forest::Forest;
+use super::leaves::{NONE, flag, weight};
+use super::octree::Placement;
+use super::placement::World;
+use super::polygons::Triangles;
+use super::qef::{Place, Qef};
+use super::vertices::Vertices;
+
+/// Distances from the vertices of the unsimplified mesh to the simplified one, voxels of mean edge.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Deviation {
+    /// Root mean square.
+    pub rms: f64,
+    /// The largest.
+    pub maximum: f64,
+}
+
+/// A distance, in voxels, that no look at further triangles can lower enough to matter.
+const NEAR: f64 = 0.01;
+
+/// Measures it. A vertex is compared with the triangles around the vertex that it became part of, and, where
+/// it is not near them, with those around their other corners: an upper bound of the distance.
+pub(super) fn deviation(
+    forest: &Forest,
+    vertices: &Vertices,
+    made: &Triangles,
+    placement: Placement,
+    world: &World<'_>,
+    edge: f64,
+) -> Deviation {
+    let around = Around::new(made);
+    let leaves = &forest.leaves;
+    let sums: Vec<(f64, f64, u64)> = forest
+        .roots()
+        .map(|(_, root)| {
+            let first = root.leaves.start;
+            let mut qefs = vec![Qef::default(); root.leaves.len()];
+            leaves.crossings_of(root, |_, crossing, at| {
+                for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
+                    qefs[(leaf - first) as usize].add(
+                        at,
+                        crossing.normal.as_dvec3(),
+                        weight(crossing.weight),
+                    );
+                }
+            });
+            let (mut sum, mut maximum, mut count) = (0.0, 0.0f64, 0);
+            for (leaf, qef) in root.leaves.clone().zip(&qefs) {
+                let vertex = vertices.of_leaf[leaf as usize];
+                if vertex == NONE || qef.count() == 0.0 {
+                    continue;
+                }
+                let block = forest.block(super::forest::Owner::Leaf(leaf));
+                let place = Place { bounds: block.bounds(&leaves.grid), fixed: leaves.fixed(root, leaf) };
+                let crowded = leaves.flags[leaf as usize] & flag::CROWDED != 0;
+                let at = if crowded { place.clamp(qef.mass_point()) } else { placement.vertex(qef, &place) };
+                let Some(squared) =
+                    around.distance_squared(made, vertex, world.place(root.number, at), NEAR * edge)
+                else {
+                    continue;
+                };
+                sum += squared;
+                maximum = maximum.max(squared);
+                count += 1;
+            }
+            (sum, maximum, count)
+        })
+        .collect();
+    let count: u64 = sums.iter().map(|s| s.2).sum();
+    let sum: f64 = sums.iter().map(|s| s.0).sum();
+    let maximum = sums.iter().fold(0.0, |m: f64, s| m.max(s.1));
+    Deviation { rms: (sum / count.max(1) as f64).sqrt() / edge, maximum: maximum.sqrt() / edge }
+}
+
+/// The triangles around each vertex.
+struct Around {
+    first: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Around {
+    fn new(made: &Triangles) -> Self {
+        let mut first = vec![0u32; made.positions.len() + 1];
+        made.triangles.iter().flatten().for_each(|&v| first[v as usize + 1] += 1);
+        (1..first.len()).for_each(|v| first[v] += first[v - 1]);
+        let mut next = first.clone();
+        let mut triangles = vec![0; 3 * made.triangles.len()];
+        for (t, corners) in made.triangles.iter().enumerate() {
+            for &v in corners {
+                triangles[next[v as usize] as usize] = t as u32;
+                next[v as usize] += 1;
+            }
+        }
+        Self { first, triangles }
+    }
+
+    fn of(&self, vertex: u32) -> &[u32] {
+        &self.triangles[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
+    }
+
+    /// Square of the distance from `p` to the triangles around a vertex and, if none is as near as `near`, to
+    /// those around its neighbours; `None` for a vertex without triangles.
+    fn distance_squared(&self, made: &Triangles, vertex: u32, p: DVec3, near: f64) -> Option<f64> {
+        let to =
+            |t: &u32| squared_distance(p, made.triangles[*t as usize].map(|v| made.positions[v as usize]));
+        let least = |vertex: u32| self.of(vertex).iter().map(to).fold(f64::INFINITY, f64::min);
+        let mut best = least(vertex);
+        if best > near * near {
+            for &t in self.of(vertex) {
+                for v in made.triangles[t as usize] {
+                    if v != vertex {
+                        best = best.min(least(v));
+                    }
+                }
+            }
+        }
+        best.is_finite().then_some(best)
+    }
+}
+
+/// Square of the distance from a point to a triangle (after Ericson, Real-Time Collision Detection, 5.1.5).
+fn squared_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return ap.length_squared();
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return bp.length_squared();
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return (ap - ab * (d1 / (d1 - d3))).length_squared();
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return cp.length_squared();
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return (ap - ac * (d2 / (d2 - d6))).length_squared();
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return (bp - (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6)))).length_squared();
+    }
+    let scale = 1.0 / (va + vb + vc);
+    (ap - ab * (vb * scale) - ac * (vc * scale)).length_squared()
+}
