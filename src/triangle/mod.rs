@@ -4,11 +4,14 @@
 //! A layer of its own because contouring mends its mesh with what the check of a mesh judges it by: the
 //! same predicates, the same rule, the same search.
 
+mod apart;
 mod edge_table;
 mod filed;
 mod meetings;
+mod nearby;
 mod shape;
 mod size_trees;
+mod stars;
 mod triangle_pair;
 mod vertex_table;
 
