@@ -115,7 +115,7 @@ fn one_grey_value_makes_two_materials() {
     };
     let found = run(IsoValue::OtsuMode);
     let iso = found.findings.iso.clone().expect("an iso value");
-    let mode = iso.otsu_mode.expect("how it was found");
+    let mode = iso.otsu_mode.clone().expect("how it was found");
     assert_eq!((mode.slices, mode.with_two_classes), (48, 16));
     assert!((80.0..120.0).contains(&iso.grey) && mode.agreeing >= 2, "{iso:?} {mode:?}");
     let given = run(IsoValue::Given(iso.grey));

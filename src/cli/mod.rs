@@ -39,7 +39,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Turn a CT volume into a labelled mesh, one closed mesh per material, and a report.
-    Extract(extract::Args),
+    Extract(Box<extract::Args>),
     /// Show what a volume holds: geometry, grey values, histogram, materials.
     Info(info::Args),
     /// Check a mesh and list every defect with its place.

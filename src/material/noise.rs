@@ -49,7 +49,7 @@ pub fn read_noise(source: &dyn VolumeSource, execution: &Execution) -> Result<f6
         .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
     let [low, high] = range.map(f64::from);
     let least = (rounding / 12.0_f64.sqrt()).max(1e-6 * (high - low)).max(f64::from(f32::MIN_POSITIVE));
-    if !(low < high) {
+    if low >= high {
         return Ok(least);
     }
     let mut histogram = Histogram::new(low, high, BINS);
