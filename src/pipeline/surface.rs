@@ -143,11 +143,10 @@ impl Surface<'_> {
         })?;
         drop(stage);
         costs.add("contour", started.elapsed().as_secs_f64());
-        let started = Instant::now();
         let bound = method.tolerance.bound(self.geometry, crossings.position_sigma(&qualities));
         let options = DualOptions { bound, placement: method.placement, deviation: true };
-        let surface = builder.finish(self.geometry, &options, self.border, self.execution)?;
-        costs.add("simplify", started.elapsed().as_secs_f64());
+        let mut surface = builder.finish(self.geometry, &options, self.border, self.execution)?;
+        costs.stages.append(&mut surface.costs.stages);
         let statistics = surface.statistics.clone();
         let mesh = InterfaceMesh::from_dual(surface, self.materials.clone())?;
         sink.add(MeshPiece::whole(mesh))?;

@@ -57,7 +57,10 @@ pub(super) fn deviation(
                     continue;
                 }
                 let block = forest.block(super::forest::Owner::Leaf(leaf));
-                let place = Place { bounds: block.bounds(&leaves.grid), fixed: leaves.fixed(root, leaf) };
+                let place = Place {
+                    bounds: block.bounds(&leaves.grid),
+                    fixed: leaves.grid.fixed(root.number, leaves.sides(root, leaf)),
+                };
                 let crowded = leaves.flags[leaf as usize] & flag::CROWDED != 0;
                 let at = if crowded { place.clamp(qef.mass_point()) } else { placement.vertex(qef, &place) };
                 let Some(squared) =

@@ -130,14 +130,6 @@ impl Forest {
         self.first_nodes.partition_point(|first| *first <= node) - 1
     }
 
-    /// The root of a leaf or node, as an index.
-    pub(super) fn root_of(&self, owner: Owner) -> usize {
-        match owner {
-            Owner::Leaf(leaf) => self.leaves.root_of_leaf(leaf),
-            Owner::Node(node) => self.root_of_node(node),
-        }
-    }
-
     /// The roots with their indices.
     pub(super) fn roots(&self) -> impl IndexedParallelIterator<Item = (usize, &Root)> {
         self.leaves.roots.par_iter().enumerate()

@@ -165,15 +165,10 @@ impl Leaves {
         }
     }
 
-    /// The coordinates that a leaf's vertex must have because its cell reaches beyond the volume, in
-    /// lengths about the middle of its root.
-    pub(super) fn fixed(&self, root: &Root, leaf: u32) -> [Option<f64>; 3] {
+    /// The sides of the volume that a leaf's cell reaches beyond; there its vertex lies.
+    pub(super) fn sides(&self, root: &Root, leaf: u32) -> u8 {
         let (low, at) = (self.grid.low(root.number), place(self.places[leaf as usize]));
-        [0, 1, 2].map(|a| {
-            let cell = low[a] + at[a];
-            let border = cell == 0 || cell + 1 == self.grid.cells[a];
-            border.then(|| (at[a] as f64 + 0.5 - (super::roots::SIDE / 2) as f64) * self.grid.cell[a])
-        })
+        self.grid.sides([0, 1, 2].map(|a| low[a] + at[a]))
     }
 
     /// Bytes held.

@@ -121,7 +121,8 @@ struct Part {
     low: u16,
     crossings: [u32; EDGES],
     qef: Qef,
-    fixed: [Option<f64>; 3],
+    /// Sides of the volume that it reaches.
+    sides: u8,
     /// Leaf or, from level 1 on, node.
     number: u32,
 }
@@ -144,7 +145,16 @@ pub(super) fn collapse(leaves: &Leaves, root: &Root, bound: Bound, placement: Pl
             let group = &parts[start..start + count];
             start += count;
             let block = Block { low: low << shift, level };
-            collapse_block(leaves, block, group, (bound, placement), &mut clusters, &mut tree, &mut next);
+            collapse_block(
+                leaves,
+                root.number,
+                block,
+                group,
+                (bound, placement),
+                &mut clusters,
+                &mut tree,
+                &mut next,
+            );
         }
         parts = next;
     }
@@ -161,7 +171,7 @@ fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
             low: leaves.places[leaf as usize],
             crossings: [NONE; EDGES],
             qef: Qef::default(),
-            fixed: leaves.fixed(root, leaf),
+            sides: leaves.sides(root, leaf),
             number: leaf - root.leaves.start,
         })
         .collect();
@@ -179,6 +189,7 @@ fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
 /// Groups the parts in a block and makes nodes of the clusters that pass.
 fn collapse_block(
     leaves: &Leaves,
+    number_of_root: usize,
     block: Block,
     group: &[Part],
     (bound, placement): (Bound, Placement),
@@ -194,22 +205,21 @@ fn collapse_block(
             continue;
         }
         let mut qef = Qef::default();
-        let mut fixed = [None; 3];
-        let mut fits = true;
+        let mut sides = 0u8;
         for i in cluster..group.len() {
             if clusters.cluster(i) == cluster {
                 qef.merge(&group[i].qef);
-                for (all, own) in fixed.iter_mut().zip(group[i].fixed) {
-                    fits &= all.is_none() || own.is_none() || *all == own;
-                    *all = all.or(own);
-                }
+                sides |= group[i].sides;
             }
         }
-        if !fits {
+        // Both bits of an axis.
+        let opposite = sides & sides >> 1 & 0b01_01_01 != 0;
+        if opposite {
             tree.collapses.border += 1;
             continue;
         }
-        let position = placement.vertex(&qef, &Place { bounds, fixed });
+        let position =
+            placement.vertex(&qef, &Place { bounds, fixed: leaves.grid.fixed(number_of_root, sides) });
         if !bound.admits(qef.error(position), qef.count()) {
             tree.collapses.error += 1;
             continue;
@@ -240,6 +250,6 @@ fn collapse_block(
             }
         }
         tree.nodes.push(Node { block, parent: NONE, position: position.as_vec3() });
-        next.push(Part { low: block.low, crossings, qef, fixed, number });
+        next.push(Part { low: block.low, crossings, qef, sides, number });
     }
 }

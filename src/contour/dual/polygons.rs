@@ -100,7 +100,7 @@ pub(super) fn triangulate(
             .par_iter()
             .map(|v| world.place(leaves.roots[v.root as usize].number, v.position))
             .collect(),
-        on_border: vertices.all.iter().map(|v| v.fixed.iter().any(Option::is_some)).collect(),
+        on_border: vertices.all.iter().map(|v| v.sides != 0).collect(),
         ..Triangles::default()
     };
     let extra = extra(forest, vertices, knots, choices, world, &mut out);
@@ -180,21 +180,14 @@ fn extra<'a>(
             at += crossing.at(&leaves.grid, apart) / knot.passes.len() as f64;
         }
         let ring = leaves.crossings[c as usize].ring;
-        let fixed = [ring[usize::from(i)], ring[usize::from(i + 1) % 4]].map(|leaf| {
-            let of = leaves.root_of_leaf(leaf);
-            let apart = leaves.apart(&leaves.roots[of], &leaves.roots[root]);
-            let fixed = leaves.fixed(&leaves.roots[of], leaf);
-            [0, 1, 2].map(|a| fixed[a].map(|f| f + f64::from(apart[a]) * leaves.grid.cell[a]))
-        });
-        let mut on_border = false;
-        for a in 0..3 {
-            if let [Some(f), Some(_)] = fixed.map(|f| f[a]) {
-                at[a] = f;
-                on_border = true;
-            }
-        }
+        let both = [ring[usize::from(i)], ring[usize::from(i + 1) % 4]]
+            .map(|leaf| leaves.sides(&leaves.roots[leaves.root_of_leaf(leaf)], leaf))
+            .into_iter()
+            .fold(u8::MAX, |both, sides| both & sides);
+        let fixed = leaves.grid.fixed(leaves.roots[root].number, both);
+        (0..3).for_each(|a| at[a] = fixed[a].unwrap_or(at[a]));
         out.positions.push(world.place(leaves.roots[root].number, at));
-        out.on_border.push(on_border);
+        out.on_border.push(both != 0);
     }
     passes.sort_unstable();
     let mut centres: Vec<u32> =

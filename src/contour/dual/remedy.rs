@@ -13,6 +13,7 @@
 //! like a pair. What was not changed is not tested again.
 
 use glam::Vec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::forest::{Forest, Owner};
@@ -65,10 +66,11 @@ pub(super) fn mend(
     let Making { bound, placement, border, world, execution } = making;
     let mut choices = Choices::default();
     let mut knots = forest.leaves.knots.clone();
-    let mut vertices = Vertices::new(forest, placement, &choices);
+    let (mut vertices, qefs) = Vertices::new(forest, placement, &choices);
     if bound != Bound::None {
-        relax(forest, &mut vertices, bound);
+        relax(forest, &mut vertices, &qefs, bound);
     }
+    drop(qefs);
     keep_places(forest, &vertices, &mut choices);
     let mut remedy = Remedy::default();
     let mut fresh: Option<Fresh> = None;
@@ -78,9 +80,10 @@ pub(super) fn mend(
         let flat = without_area(&made.positions, &made.triangles);
         let asked: Vec<bool> = match &fresh {
             None => Vec::new(),
-            Some(fresh) => {
-                (0..made.triangles.len()).map(|t| fresh.has(forest, &vertices, &made, t)).collect()
-            }
+            Some(fresh) => (0..made.triangles.len())
+                .into_par_iter()
+                .map(|t| fresh.has(forest, &vertices, &made, t))
+                .collect(),
         };
         let is_asked = |t: usize| asked.is_empty() || asked[t];
         let met = Search::new(&made.positions, &made.triangles, &flat).run(is_asked, execution)?;
@@ -100,7 +103,11 @@ pub(super) fn mend(
         remedy.rounds += 1;
         next.split.iter().for_each(|&node| forest.split(node));
         next.stars.iter().for_each(|&c| knot_all_sides(forest, &mut knots, c));
-        vertices = Vertices::new(forest, placement, &choices);
+        let mut changed: Vec<usize> = next.split.iter().map(|&node| forest.root_of_node(node)).collect();
+        changed.extend(next.pinned.iter().map(|&leaf| forest.leaves.root_of_leaf(leaf)));
+        changed.sort_unstable();
+        changed.dedup();
+        vertices = vertices.updated(forest, placement, &choices, &changed);
         fresh = Some(next);
     }
 }

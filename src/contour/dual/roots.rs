@@ -40,6 +40,30 @@ impl RootGrid {
         (z * self.roots[1] + y) * self.roots[0] + x
     }
 
+    /// The sides of the volume that a cell reaches beyond: bit 2 · axis, or 2 · axis + 1 for the far side.
+    #[inline]
+    pub(super) fn sides(&self, cell: [usize; 3]) -> u8 {
+        (0..3).fold(0, |sides, a| {
+            sides | u8::from(cell[a] == 0) << (2 * a) | u8::from(cell[a] + 1 == self.cells[a]) << (2 * a + 1)
+        })
+    }
+
+    /// The coordinates of points on these sides of the volume, in lengths about the middle of root `number`.
+    pub(super) fn fixed(&self, number: usize, sides: u8) -> [Option<f64>; 3] {
+        if sides == 0 {
+            return [None; 3];
+        }
+        let low = self.low(number);
+        [0, 1, 2].map(|a| {
+            let cell = match sides >> (2 * a) & 3 {
+                0 => return None,
+                1 => 0,
+                _ => self.cells[a] - 1,
+            };
+            Some((cell as f64 + 0.5 - (low[a] + SIDE / 2) as f64) * self.cell[a])
+        })
+    }
+
     /// The lowest cell of a root.
     pub(super) fn low(&self, root: usize) -> [usize; 3] {
         let [x, y, _] = self.roots;

@@ -17,7 +17,7 @@ use super::remedy::{Making, Remedy, mend};
 use super::vertices::Vertices;
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
-use crate::execution::Execution;
+use crate::execution::{CostLog, Execution};
 use crate::grid::{Geometry, MaterialId, Pair, VertexKind};
 
 /// How to simplify.
@@ -74,6 +74,8 @@ pub struct DualSurface {
     pub pairs: Vec<Pair>,
     /// What was done.
     pub statistics: Statistics,
+    /// What its steps cost.
+    pub costs: CostLog,
 }
 
 impl Builder {
@@ -89,16 +91,17 @@ impl Builder {
         execution: &Execution,
     ) -> Result<DualSurface, ContourError> {
         let DualOptions { bound, placement, .. } = *options;
-        let mut forest = Forest::new(self.into_leaves());
+        let mut costs = CostLog::default();
+        let mut forest = Forest::new(costs.measure("leaves", || self.into_leaves()));
         let bound = match bound {
             Bound::Triangles(wanted) => bound_for(&mut forest, wanted, placement, border, execution)?,
             bound => bound,
         };
-        let graded = grow(&mut forest, bound, placement, execution)?;
+        let graded = costs.measure("collapse", || grow(&mut forest, bound, placement, execution))?;
         let grid = forest.leaves.grid.clone();
         let world = World::new(geometry, &grid);
         let making = Making { bound, placement, border, world: &world, execution };
-        let (vertices, mut made, remedy) = mend(&mut forest, making)?;
+        let (vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
         let mut flips = 0;
         if let Some(tolerance) = tolerance(bound) {
             let options = FlipOptions {
@@ -107,9 +110,15 @@ impl Builder {
                 rounds: FLIP_ROUNDS,
             };
             let mesh = FlipMesh { positions: &made.positions, pairs: &made.pairs, locked: &[] };
-            flips = flip(mesh, &mut made.triangles, &options, execution)?.count() as u64;
+            let flipped = costs.measure("flip", || flip(mesh, &mut made.triangles, &options, execution));
+            flips = flipped?.count() as u64;
         }
         let measured = options.deviation && bound != Bound::None;
+        let deviation = measured.then(|| {
+            costs.measure("deviation", || {
+                deviation(&forest, &vertices, &made, placement, &world, geometry.voxel_edge())
+            })
+        });
         let polygons = census::polygons(&forest, &vertices, border);
         let before = 2 * polygons.iter().map(|n| n.crossings).sum::<u64>();
         let fewer = before.saturating_sub(made.triangles.len() as u64);
@@ -118,15 +127,14 @@ impl Builder {
             nodes: census::nodes(&forest, &vertices),
             polygons,
             simplification_percent: 100.0 * fewer as f64 / before.max(1) as f64,
-            deviation: measured
-                .then(|| deviation(&forest, &vertices, &made, placement, &world, geometry.voxel_edge())),
+            deviation,
             collapses: forest.collapses,
             graded,
             remedy,
             flips,
         };
         execution.check()?;
-        Ok(finished(made, geometry, statistics))
+        Ok(finished(made, geometry, statistics, costs))
     }
 }
 
@@ -196,7 +204,7 @@ fn tolerance(bound: Bound) -> Option<f64> {
 
 /// Leaves out vertices that no triangle uses (those of polygons that an open border leaves out), and says
 /// what the others are.
-fn finished(made: Triangles, geometry: &Geometry, statistics: Statistics) -> DualSurface {
+fn finished(made: Triangles, geometry: &Geometry, statistics: Statistics, costs: CostLog) -> DualSurface {
     let Triangles { positions, on_border, mut triangles, pairs, .. } = made;
     let mut meetings = vec![Meeting::default(); positions.len()];
     for (t, pair) in triangles.iter().zip(&pairs) {
@@ -221,7 +229,7 @@ fn finished(made: Triangles, geometry: &Geometry, statistics: Statistics) -> Dua
         (0..positions.len()).filter(used).map(|v| VertexKind::new(meetings[v].count.into(), on_border[v]));
     let kinds = kinds.collect();
     let positions = (0..positions.len()).filter(used).map(|v| positions[v]).collect();
-    DualSurface { positions, kinds, triangles, pairs, statistics }
+    DualSurface { positions, kinds, triangles, pairs, statistics, costs }
 }
 
 /// The materials that meet at a vertex; more than four are not told apart from four.

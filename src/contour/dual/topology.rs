@@ -4,6 +4,8 @@
 //! The block's half edges are 54 places: an axis, which half, and two coordinates 0, 1 or 2 across. A crossing
 //! there is a *slot*; up to four of the eight children have an edge at a place.
 
+use std::sync::LazyLock;
+
 use super::leaves::NONE;
 use crate::grid::MaterialId;
 use crate::grid::cube::{CORNERS, EDGES, FACES, edge_axis, edge_corners, edge_faces, other_axes};
@@ -93,6 +95,9 @@ fn within(place: u8) -> Within {
     }
 }
 
+/// What each place is.
+static WITHIN: LazyLock<[Within; PLACES]> = LazyLock::new(|| std::array::from_fn(|p| within(p as u8)));
+
 /// Groups parts into clusters and tests them; kept for its buffers.
 #[derive(Debug, Default)]
 pub(super) struct Clusters {
@@ -104,6 +109,8 @@ pub(super) struct Clusters {
     /// The sets of materials that each part bounds on each face, and in all.
     faces: Vec<[u16; FACES]>,
     parts: Vec<u16>,
+    /// The slots of the cluster.
+    own: Vec<u16>,
     sets: Vec<MaterialId>,
 }
 
@@ -166,12 +173,23 @@ impl Clusters {
                 self.parts.push(p);
             }
         }
-        let all = self.name_sets(cluster, labels)?;
-        self.look_at_faces(cluster);
-        let edges = self.edges(cluster)?;
-        self.discs(cluster, all)?;
-        (0..FACES).try_for_each(|face| self.face(cluster, face, all))?;
+        let mut own = std::mem::take(&mut self.own);
+        own.clear();
+        own.extend(
+            (0..self.slots.len() as u16).filter(|&s| self.in_cluster(&self.slots[usize::from(s)], cluster)),
+        );
+        self.own = own;
+        let all = self.name_sets(labels)?;
+        self.look_at_faces();
+        let edges = self.edges()?;
+        self.discs(all)?;
+        (0..FACES).try_for_each(|face| self.face(face, all))?;
         Ok(edges)
+    }
+
+    /// The slots of the cluster.
+    fn own(&self) -> impl Iterator<Item = &Slot> {
+        self.own.iter().map(|&s| &self.slots[usize::from(s)])
     }
 
     fn in_cluster(&self, slot: &Slot, cluster: usize) -> bool {
@@ -186,12 +204,10 @@ impl Clusters {
     ///
     /// Two materials bound the same surface, so one bit will do. Where air and `OUTSIDE` both occur, they get
     /// one together too: crossings between them are not looked at, yet the rim must stay a curve.
-    fn name_sets(&mut self, cluster: usize, labels: impl Fn(u32) -> [MaterialId; 2]) -> Result<u16, Refusal> {
+    fn name_sets(&mut self, labels: impl Fn(u32) -> [MaterialId; 2]) -> Result<u16, Refusal> {
         self.sets.clear();
-        for i in 0..self.slots.len() {
-            if !self.in_cluster(&self.slots[i], cluster) {
-                continue;
-            }
+        for i in 0..self.own.len() {
+            let i = usize::from(self.own[i]);
             let mut bits = 0;
             for label in labels(self.slots[i].crossing) {
                 let known = self.sets.iter().position(|&l| l == label);
@@ -222,14 +238,12 @@ impl Clusters {
     }
 
     /// The sets that each part bounds on each of its child's faces.
-    fn look_at_faces(&mut self, cluster: usize) {
+    fn look_at_faces(&mut self) {
         self.faces.clear();
         self.faces.resize(self.outlines.len(), [0; FACES]);
-        for slot in &self.slots {
+        for &slot in &self.own {
+            let slot = &self.slots[usize::from(slot)];
             for (child, &p) in slot.parts.iter().enumerate().filter(|(_, p)| **p != NO_PART) {
-                if usize::from(self.links[usize::from(p)]) != cluster {
-                    break;
-                }
                 // Of the child's edges along the axis, the one at this place.
                 let axis = usize::from(slot.place) / 18;
                 for e in 4 * axis..4 * axis + 4 {
@@ -242,10 +256,10 @@ impl Clusters {
     }
 
     /// Test E: the crossings on the block's edges.
-    fn edges(&self, cluster: usize) -> Result<[u32; EDGES], Refusal> {
+    fn edges(&self) -> Result<[u32; EDGES], Refusal> {
         let mut edges = [NONE; EDGES];
-        for slot in self.slots.iter().filter(|s| self.in_cluster(s, cluster)) {
-            if let Within::Edge(e) = within(slot.place) {
+        for slot in self.own() {
+            if let Within::Edge(e) = WITHIN[usize::from(slot.place)] {
                 if edges[e] != NONE {
                     return Err(Refusal::Edge);
                 }
@@ -270,7 +284,7 @@ impl Clusters {
     }
 
     /// Test V, and that no part has a neighbour that did not pass.
-    fn discs(&self, cluster: usize, all: u16) -> Result<(), Refusal> {
+    fn discs(&self, all: u16) -> Result<(), Refusal> {
         // Parts, inner quarter faces and inner half edges of each set.
         let mut euler = [0i32; SETS];
         let mut count = |sets: u16, by: i32| {
@@ -294,10 +308,14 @@ impl Clusters {
                 }
             }
         }
-        for slot in self.slots.iter().filter(|s| self.in_cluster(s, cluster)) {
-            if within(slot.place) == Within::Inner {
+        for slot in self.own() {
+            if WITHIN[usize::from(slot.place)] == Within::Inner {
                 count(slot.sets, 1);
             }
+        }
+        if all == 1 {
+            // The parts of a cluster are joined through faces, or a neighbour would be missing.
+            return if euler[0] == 1 { Ok(()) } else { Err(Refusal::Disc) };
         }
         for set in (0..SETS).filter(|s| all >> s & 1 == 1) {
             let has = |p: &u16| self.faces[usize::from(*p)].iter().any(|f| f >> set & 1 == 1);
@@ -310,19 +328,32 @@ impl Clusters {
     }
 
     /// Test F for a face of the block.
-    fn face(&self, cluster: usize, face: usize, all: u16) -> Result<(), Refusal> {
+    fn face(&self, face: usize, all: u16) -> Result<(), Refusal> {
         let (axis, side) = (face / 2, face % 2);
         let sets_of = |p: u16| self.faces[usize::from(p)][face];
         let on_face = |p: &u16| {
             usize::from(self.outlines[usize::from(*p)].child) >> axis & 1 == side && sets_of(*p) != 0
         };
         let nodes = || self.parts.iter().copied().filter(on_face);
-        if nodes().next().is_none() {
+        let (mut count, mut children, mut twice) = (0, 0u8, false);
+        for p in nodes() {
+            let child = 1 << self.outlines[usize::from(p)].child;
+            twice |= children & child != 0;
+            children |= child;
+            count += 1;
+        }
+        if count == 0 {
             return Ok(());
         }
+        if all == 1 && !twice {
+            // At most one node on each quarter face: with one joint less than nodes they are a path.
+            let on = Within::Face(face);
+            let joints = self.own().filter(|s| WITHIN[usize::from(s.place)] == on).count();
+            return if joints + 1 == count { Ok(()) } else { Err(Refusal::Face) };
+        }
         let mut joints: Vec<([u16; 2], u16)> = Vec::new();
-        for slot in self.slots.iter().filter(|s| self.in_cluster(s, cluster)) {
-            if within(slot.place) == Within::Face(face) {
+        for slot in self.own() {
+            if WITHIN[usize::from(slot.place)] == Within::Face(face) {
                 let mut both = slot.parts.iter().copied().filter(|&p| p != NO_PART);
                 if let (Some(p), Some(q)) = (both.next(), both.next()) {
                     joints.push(([p, q], slot.sets));

@@ -1,5 +1,7 @@
 //! The vertices of the simplified surface: which leaves they stand for, where they lie and what they are.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -20,10 +22,8 @@ pub(super) struct Vertex {
     pub(super) root: u32,
     /// In lengths about the middle of its root.
     pub(super) position: DVec3,
-    /// Coordinates that it must keep.
-    pub(super) fixed: [Option<f64>; 3],
-    /// The planes of its crossings, about the middle of its root.
-    pub(super) qef: Qef,
+    /// Sides of the volume on which it lies.
+    pub(super) sides: u8,
     /// Whether it lies at the mean of its crossings whatever its QEF says.
     pub(super) pinned: bool,
 }
@@ -34,6 +34,8 @@ pub(super) struct Vertices {
     pub(super) all: Vec<Vertex>,
     /// The vertex of each leaf; [`NONE`] for a leaf that no polygon uses.
     pub(super) of_leaf: Vec<u32>,
+    /// Behind the last vertex of each root.
+    ends: Vec<u32>,
 }
 
 impl Vertices {
@@ -44,33 +46,79 @@ impl Vertices {
             Owner::Leaf(leaf) => leaf,
             Owner::Node(node) => leaves + node,
         };
-        Self { all: Vec::new(), of_leaf: (0..leaves).into_par_iter().map(number).collect() }
+        Self { of_leaf: (0..leaves).into_par_iter().map(number).collect(), ..Self::default() }
     }
 
-    /// The vertices of a forest as it is, with what was decided about leaves.
-    pub(super) fn new(forest: &Forest, placement: Placement, choices: &Choices) -> Self {
-        let by_root: Vec<(Vec<Vertex>, Vec<u32>)> =
+    /// The vertices of a forest as it is, with what was decided about leaves, and the planes of their crossings
+    /// by root, about the middles of the roots.
+    pub(super) fn new(forest: &Forest, placement: Placement, choices: &Choices) -> (Self, Vec<Vec<Qef>>) {
+        let made: Vec<Made> =
             forest.roots().map(|(i, root)| of_root(forest, i, root, placement, choices)).collect();
         let mut out = Self::default();
-        out.all.reserve(by_root.iter().map(|(v, _)| v.len()).sum());
+        let mut qefs = Vec::with_capacity(made.len());
+        out.all.reserve(made.iter().map(|m| m.vertices.len()).sum());
         out.of_leaf.reserve(forest.leaves.places.len());
-        for (vertices, of_leaf) in by_root {
-            let first = out.all.len() as u32;
-            out.all.extend(vertices);
-            out.of_leaf.extend(of_leaf.into_iter().map(|v| if v == NONE { NONE } else { v + first }));
+        for made in made {
+            out.push(&made.vertices, made.of_leaf.iter().copied());
+            qefs.push(made.qefs);
+        }
+        (out, qefs)
+    }
+
+    /// The same after changes in some roots, given by ascending index.
+    pub(super) fn updated(
+        &self,
+        forest: &Forest,
+        placement: Placement,
+        choices: &Choices,
+        changed: &[usize],
+    ) -> Self {
+        let roots = &forest.leaves.roots;
+        let made: Vec<Made> =
+            changed.par_iter().map(|&i| of_root(forest, i, &roots[i], placement, choices)).collect();
+        let mut out = Self::default();
+        out.all.reserve(self.all.len() + self.all.len() / 16);
+        out.of_leaf.reserve(self.of_leaf.len());
+        for (i, root) in roots.iter().enumerate() {
+            match changed.binary_search(&i) {
+                Ok(new) => out.push(&made[new].vertices, made[new].of_leaf.iter().copied()),
+                Err(_) => {
+                    let old = self.in_root(i);
+                    let of_leaf = &self.of_leaf[root.leaves.start as usize..root.leaves.end as usize];
+                    let first = old.start as u32;
+                    out.push(
+                        &self.all[old],
+                        of_leaf.iter().map(|&v| if v == NONE { NONE } else { v - first }),
+                    );
+                }
+            }
         }
         out
     }
+
+    /// The vertices of a root, given by its index.
+    pub(super) fn in_root(&self, root: usize) -> Range<usize> {
+        let first = if root == 0 { 0 } else { self.ends[root - 1] };
+        first as usize..self.ends[root] as usize
+    }
+
+    fn push(&mut self, vertices: &[Vertex], of_leaf: impl Iterator<Item = u32>) {
+        let first = self.all.len() as u32;
+        self.all.extend_from_slice(vertices);
+        self.of_leaf.extend(of_leaf.map(|v| if v == NONE { NONE } else { v + first }));
+        self.ends.push(self.all.len() as u32);
+    }
 }
 
-/// The vertices of a root, and the vertex of each of its leaves, numbered from 0.
-fn of_root(
-    forest: &Forest,
-    index: usize,
-    root: &Root,
-    placement: Placement,
-    choices: &Choices,
-) -> (Vec<Vertex>, Vec<u32>) {
+/// What was made of a root: its vertices, the planes of their crossings, and the vertex of each of its leaves,
+/// numbered from 0.
+struct Made {
+    vertices: Vec<Vertex>,
+    qefs: Vec<Qef>,
+    of_leaf: Vec<u32>,
+}
+
+fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, choices: &Choices) -> Made {
     let leaves = &forest.leaves;
     let first = root.leaves.start;
     let caps = leaves.caps.partition_point(|c| c.leaf < first)
@@ -86,18 +134,17 @@ fn of_root(
     caps.iter().for_each(|cap| of_leaf[(cap.main - first) as usize] = 0);
     let nodes = forest.nodes_of(index);
     let mut of_node = vec![NONE; nodes.len()];
-    let mut out = Vec::new();
+    let mut out: Vec<Vertex> = Vec::new();
     for leaf in root.leaves.clone() {
         if of_leaf[(leaf - first) as usize] == NONE {
             continue;
         }
         let owner = forest.owner(leaf);
-        let fixed = leaves.fixed(root, leaf);
+        let sides = leaves.sides(root, leaf);
         let number = match owner {
             Owner::Node(node) if of_node[(node - nodes.start) as usize] != NONE => {
                 let number = of_node[(node - nodes.start) as usize];
-                let known: &mut Vertex = &mut out[number as usize];
-                known.fixed.iter_mut().zip(fixed).for_each(|(all, own)| *all = all.or(own));
+                out[number as usize].sides |= sides;
                 number
             }
             _ => {
@@ -111,8 +158,7 @@ fn of_root(
                     owner,
                     root: index as u32,
                     position: DVec3::ZERO,
-                    fixed,
-                    qef: Qef::default(),
+                    sides,
                     pinned: crowded
                         || matches!(owner, Owner::Leaf(l) if choices.pinned.binary_search(&l).is_ok()),
                 });
@@ -121,31 +167,32 @@ fn of_root(
         };
         of_leaf[(leaf - first) as usize] = number;
     }
+    let mut qefs = vec![Qef::default(); out.len()];
     leaves.crossings_of(root, |_, crossing, at| {
         for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
             let v = of_leaf[(leaf - first) as usize] as usize;
-            out[v].qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+            qefs[v].add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
         }
     });
-    for vertex in &mut out {
+    for (vertex, qef) in out.iter_mut().zip(&qefs) {
         let bounds = forest.block(vertex.owner).bounds(&leaves.grid);
-        let place = Place { bounds, fixed: vertex.fixed };
+        let place = Place { bounds, fixed: leaves.grid.fixed(root.number, vertex.sides) };
         vertex.position = match vertex.owner {
-            _ if vertex.pinned => place.clamp(vertex.qef.mass_point()),
+            _ if vertex.pinned => place.clamp(qef.mass_point()),
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
             Owner::Leaf(leaf) => match moved(&choices.moved, leaf) {
                 Some(at) => place.clamp(at.as_dvec3()),
-                None => placement.vertex(&vertex.qef, &place),
+                None => placement.vertex(qef, &place),
             },
         };
     }
     // Caps lie between the middle of their sheet's crossings and the corners that they cut off.
     for sheet in caps.chunk_by(|a, b| a.main == b.main) {
         let main = of_leaf[(sheet[0].main - first) as usize] as usize;
-        let mut all = out[main].qef;
-        sheet.iter().for_each(|cap| all.merge(&out[of_leaf[(cap.leaf - first) as usize] as usize].qef));
-        let main_place =
-            Place { bounds: forest.block(out[main].owner).bounds(&leaves.grid), fixed: out[main].fixed };
+        let mut all = qefs[main];
+        sheet.iter().for_each(|cap| all.merge(&qefs[of_leaf[(cap.leaf - first) as usize] as usize]));
+        let fixed = leaves.grid.fixed(root.number, out[main].sides);
+        let main_place = Place { bounds: forest.block(out[main].owner).bounds(&leaves.grid), fixed };
         let middle = main_place.clamp(all.mass_point());
         out[main].position = middle;
         for cap in sheet {
@@ -159,5 +206,5 @@ fn of_root(
             vertex.position = main_place.clamp((middle + (low + corner) * leaves.grid.cell) / 2.0);
         }
     }
-    (out, of_leaf)
+    Made { vertices: out, qefs, of_leaf }
 }

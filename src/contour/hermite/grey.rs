@@ -20,6 +20,11 @@ const DEMAND: Demand = Demand { accepted: 2.5, agrees: 9.0 };
 /// Standard deviation of crossings without noise, in voxels: what linear interpolation on a step that is
 /// not linear is off by.
 const INTERPOLATION: f32 = 0.06;
+/// The slope of a step, in contrasts per voxel, from which on it is too sharp for gradients: that of a blur with
+/// a sigma of 0.75 voxel. A scan's is 1 to 2; sampled without blur, a face has 0.58 to 1.
+const STEEP: f32 = 0.5;
+/// Standard deviation of crossings by noise, in voxels, up to which gradients need no smoothing.
+const LITTLE_NOISE: f32 = 0.02;
 /// The smoothed gradient is taken for a smooth face if it lies within this cosine (15 degrees) of its plane:
 /// else something near the face, not seen in its crossings, has spoilt it.
 const AGREE: f32 = 0.966;
@@ -36,6 +41,8 @@ pub struct GreyHermite<'a, C, S> {
     rule: NormalRule,
     /// Square of the standard deviation of known crossings, voxels, for each pair of materials.
     variances: Vec<f32>,
+    /// The slope of a sharp step, grey per voxel along its normal, for each pair of materials.
+    steep: Vec<f32>,
 }
 
 impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
@@ -56,7 +63,10 @@ impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
             INTERPOLATION * INTERPOLATION + sigma * sigma
         };
         let variances = (0..n * n).map(variance).collect();
-        Self { crossings, slab, labels, inverse: inverse_lengths(spacing), materials: n, rule, variances }
+        let steep = |i: usize| STEEP * qualities.of([id(i / n), id(i % n)]).contrast as f32;
+        let steep = (0..n * n).map(steep).collect();
+        let inverse = inverse_lengths(spacing);
+        Self { crossings, slab, labels, inverse, materials: n, rule, variances, steep }
     }
 
     /// By the crossings around; for `Auto` by the smoothed gradient where those are one smooth face.
@@ -77,6 +87,36 @@ impl<'a, C: CrossingRule, S: Sample> GreyHermite<'a, C, S> {
             return Some(smoothed);
         }
         Some(normal)
+    }
+
+    /// Whether grey values rise too steeply at a crossing for gradients to tell one face from the next.
+    fn is_steep(&self, edge: &Edge, normal: Vec3) -> bool {
+        let voxel = edge.from.map(|p| p - 1);
+        let mut next = voxel;
+        next[edge.axis] += 1;
+        let rise = (self.slab.grey(next) - self.slab.grey(voxel)).abs();
+        let [a, b] = edge.labels.map(|id| usize::from(id.0));
+        rise > self.steep[a * self.materials + b] * normal[edge.axis].abs()
+    }
+
+    /// The gradient to take where grey values are smooth: the published one costs less, where there is little
+    /// noise that smoothing would take away.
+    fn smooth_rule(&self, edge: &Edge) -> NormalRule {
+        let [a, b] = edge.labels.map(|id| usize::from(id.0));
+        let noise = self.variances[a * self.materials + b] - INTERPOLATION * INTERPOLATION;
+        if noise < LITTLE_NOISE * LITTLE_NOISE { NormalRule::Gradient } else { NormalRule::Smoothed }
+    }
+
+    /// As grey values ask for: their smoothed gradient where they are credible and blurred, as those of a scan
+    /// are; else by the crossings around.
+    fn auto(&self, edge: &Edge, located: Option<f32>) -> Option<Vec3> {
+        if let Some(t) = located
+            && let Some(normal) = self.gradient(self.smooth_rule(edge), edge, t)
+            && !self.is_steep(edge, normal)
+        {
+            return Some(normal);
+        }
+        self.sided(edge, located)
     }
 
     /// By grey values, if the rule says so.
@@ -117,7 +157,10 @@ impl<C: CrossingRule, S: Sample> HermiteRule for GreyHermite<'_, C, S> {
         let located = self.crossings.located(from, axis, labels);
         let (position, weight) = located.map_or((0.5, UNKNOWN_WEIGHT), |t| (t, 1.0));
         let edge = Edge { from, axis, labels };
-        let normal = self.gradient(self.rule, &edge, position).or_else(|| self.sided(&edge, located));
+        let normal = match self.rule {
+            NormalRule::Auto => self.auto(&edge, located),
+            rule => self.gradient(rule, &edge, position).or_else(|| self.sided(&edge, located)),
+        };
         Hermite { position, normal: normal.unwrap_or_else(|| sided::along(axis)), weight }
     }
 }

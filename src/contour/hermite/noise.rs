@@ -18,11 +18,13 @@ pub struct PairQuality {
     pub blur: f64,
     /// Standard deviation of grey values, as a share of the contrast.
     pub noise: f64,
+    /// Difference of the materials' mean grey values.
+    pub contrast: f64,
 }
 
 impl Default for PairQuality {
     fn default() -> Self {
-        Self { blur: DEFAULT_BLUR, noise: 0.0 }
+        Self { blur: DEFAULT_BLUR, noise: 0.0, contrast: f64::INFINITY }
     }
 }
 
@@ -39,7 +41,7 @@ impl PairQuality {
         let (a2, b2) = (variance(a.sigma), variance(b.sigma));
         let mean = 0.5 * (a2.or(b2).unwrap_or(0.0) + b2.or(a2).unwrap_or(0.0));
         let contrast = (a.mean - b.mean).abs().max(f64::MIN_POSITIVE);
-        Self { blur: blur.unwrap_or(DEFAULT_BLUR), noise: mean.sqrt() / contrast }
+        Self { blur: blur.unwrap_or(DEFAULT_BLUR), noise: mean.sqrt() / contrast, contrast }
     }
 
     /// Standard deviation that noise gives the positions of crossings, measured along the normal, in voxels of
