@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabPlan, classify_slabs, halo};
-use crate::contour::dual::Statistics;
+use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
@@ -127,11 +127,16 @@ pub fn extract_into(
     sink: &mut dyn MeshSink,
 ) -> Result<Findings, PipelineError> {
     options.check(source.geometry())?;
+    let mut stages = STAGES.to_vec();
+    if matches!(options.method, Method::Dual(_)) {
+        // Contouring proper is a third of it.
+        stages.extend(dual::STAGES.map(|(stage, share)| (stage, 5.0 * share)));
+    }
     let Some(filter) = options.denoise else {
-        execution.plan(&[&STAGES, sink.stages()].concat());
+        execution.plan(&[&stages[..], sink.stages()].concat());
         return run(source, options, execution, scratch, plan(source, options, execution, sink)?, sink);
     };
-    execution.plan(&[&[(denoise::STAGE, 4.0)], &STAGES[..], sink.stages()].concat());
+    execution.plan(&[&[(denoise::STAGE, 4.0)], &stages[..], sink.stages()].concat());
     let (seen, mut costs) = (Denoised::new(source, filter)?, CostLog::default());
     let memory = plan(&seen, options, execution, sink)?;
     let (clean, found) = denoise::denoise(source, filter, execution, scratch, &memory, &mut costs)?;

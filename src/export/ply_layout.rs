@@ -5,7 +5,6 @@
 
 use std::io;
 
-use glam::DVec3;
 use ply_rs_bw::ply::{
     Addable, DefaultElement, ElementDef, Encoding, Header, PropertyDef, PropertyType, ScalarType,
 };
@@ -78,21 +77,9 @@ impl PlyOptions {
     /// gets `double`.
     #[must_use]
     pub fn for_volume(geometry: &Geometry) -> Self {
-        let finest = geometry.spacing().into_iter().fold(f64::INFINITY, f64::min);
-        let resolution = if geometry.is_along_axes() { finest } else { 0.0 };
-        let coordinates = Coordinates::fitting(largest_coordinate(geometry), resolution);
+        let coordinates = if geometry.fits_single() { Coordinates::Float } else { Coordinates::Double };
         Self { coordinates, ..Self::default() }
     }
-}
-
-/// The largest coordinate, mm, without its sign, of a corner of the box of voxels: of any point in it.
-pub(super) fn largest_coordinate(geometry: &Geometry) -> f64 {
-    let far = geometry.size().map(|n| n as f64 - 0.5);
-    let corner = |i: usize| {
-        let index = std::array::from_fn(|a| if i >> a & 1 == 0 { -0.5 } else { far[a] });
-        geometry.world(DVec3::from_array(index)).abs().max_element()
-    };
-    (0..8).map(corner).fold(0.0, f64::max)
 }
 
 /// Most vertices that the `int` indices of a face can name.

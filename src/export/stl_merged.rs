@@ -9,7 +9,6 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ply_layout::largest_coordinate;
 use crate::grid::Geometry;
 use crate::mesh::{InterfaceMesh, MeshPiece};
 
@@ -49,7 +48,7 @@ impl MergedByStl {
         let layer = to_index.row(2);
         // Half a step at a number is at most 2^-24 of it, of the least numbers 2^-150. A little more, for the
         // rounding of what is computed here; beyond the range of f32 all become infinite: then nothing is far.
-        let largest = largest_coordinate(geometry);
+        let largest = geometry.largest_coordinate();
         let half = 1.001 * largest * f64::from(f32::EPSILON) / 2.0 + f64::from(f32::MIN_POSITIVE);
         let half = if largest < f64::from(f32::MAX) { half } else { f64::INFINITY };
         Self {

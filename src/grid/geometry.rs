@@ -165,6 +165,27 @@ impl Geometry {
         self.voxel_volume().cbrt()
     }
 
+    /// The largest coordinate, mm, without its sign, of a corner of the box of voxels: of any point in it.
+    #[must_use]
+    pub fn largest_coordinate(&self) -> f64 {
+        let far = self.size.map(|n| n as f64 - 0.5);
+        let corner = |i: usize| {
+            let index = std::array::from_fn(|a| if i >> a & 1 == 0 { -0.5 } else { far[a] });
+            self.world(DVec3::from_array(index)).abs().max_element()
+        };
+        (0..8).map(corner).fold(0.0, f64::max)
+    }
+
+    /// Whether points in the box of voxels may be rounded to `f32` coordinates: that costs less than a
+    /// thousandth of the finest voxel edge, and keeps the order of coordinates, as the lattice lies along the
+    /// world's axes.
+    #[must_use]
+    pub fn fits_single(&self) -> bool {
+        let finest = self.spacing.into_iter().fold(f64::INFINITY, f64::min);
+        // One f32 step is at most 2^-23 of the number.
+        self.is_along_axes() && self.largest_coordinate() * f64::from(f32::EPSILON) <= finest / 1000.0
+    }
+
     /// Whether the index axes form a left-handed system, so that windings turn over in the world.
     #[must_use]
     pub fn is_mirrored(&self) -> bool {

@@ -3,9 +3,9 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::{DualMethod, MeshSink, Method, PipelineError};
+use super::{DualMethod, MeshSink, Method, PipelineError, Tolerance};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
-use crate::contour::dual::{Builder, DualOptions, Statistics};
+use crate::contour::dual::{Bound, Builder, DualOptions, Statistics};
 use crate::contour::hermite::{GreyHermite, HALO, LabelHermite, PairQuality, Qualities};
 use crate::contour::marching::march_pieces;
 use crate::contour::{Border, CrossingRule, Level, Midpoints, Piece, Thresholds, layers_of};
@@ -17,6 +17,10 @@ use crate::volume::{Sample, SampleWindow};
 
 /// Its name as a stage.
 pub(super) const STAGE: &str = "extracting the surface";
+
+/// Bytes that dual contouring takes for each crossing, at its peak, if it simplifies and if not.
+const SIMPLIFIED: u64 = 130;
+const UNSIMPLIFIED: u64 = 420;
 
 /// Where labels come from, and what decides the position of crossings.
 pub(super) enum Crossings<'a> {
@@ -139,7 +143,7 @@ impl Surface<'_> {
                     builder.add(&labels, &rule, layers, self.execution, &stage)?;
                 }
             }
-            Ok::<_, PipelineError>(())
+            self.check_memory(builder.crossings(), core.end, method.tolerance)
         })?;
         drop(stage);
         costs.add("contour", started.elapsed().as_secs_f64());
@@ -151,6 +155,23 @@ impl Surface<'_> {
         let mesh = InterfaceMesh::from_dual(surface, self.materials.clone())?;
         sink.add(MeshPiece::whole(mesh))?;
         Ok(statistics)
+    }
+}
+
+impl Surface<'_> {
+    /// Refuses a surface that the budget cannot hold as a whole, after its crossings in the first `slices`.
+    fn check_memory(&self, crossings: u64, slices: usize, tolerance: Tolerance) -> Result<(), PipelineError> {
+        let simplified = tolerance.bound(self.geometry, 0.0) != Bound::None;
+        let each = if simplified { SIMPLIFIED } else { UNSIMPLIFIED };
+        let size = self.geometry.size();
+        match self.execution.memory() {
+            Some(budget) if crossings * each > budget => {
+                // As many again in every slice that is left.
+                let needed = crossings * each * size[2] as u64 / slices.max(1) as u64;
+                Err(PipelineError::Memory { budget, needed, size })
+            }
+            _ => Ok(()),
+        }
     }
 }
 

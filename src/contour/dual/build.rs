@@ -125,10 +125,10 @@ impl Builder {
         }
     }
 
-    /// Bytes held so far.
+    /// Crossings of the layers that are complete so far.
     #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.leaves.bytes()
+    pub fn crossings(&self) -> u64 {
+        self.leaves.crossings.len() as u64
     }
 
     /// Adds layers of cells, which must follow those before them. `labels` holds their slices of the padded

@@ -170,11 +170,6 @@ impl Leaves {
         let (low, at) = (self.grid.low(root.number), place(self.places[leaf as usize]));
         self.grid.sides([0, 1, 2].map(|a| low[a] + at[a]))
     }
-
-    /// Bytes held.
-    pub(super) fn bytes(&self) -> usize {
-        self.crossings.len() * size_of::<Crossing>() + self.places.len() * 3 + self.foreign.len() * 4
-    }
 }
 
 /// Weight as it is kept, and back.

@@ -27,4 +27,4 @@ pub use census::{NodeCounts, PairPolygons};
 pub use deviation::Deviation;
 pub use octree::{Bound, Collapses, Placement};
 pub use remedy::Remedy;
-pub use surface::{DualOptions, DualSurface, Statistics};
+pub use surface::{DualOptions, DualSurface, STAGES, Statistics};

@@ -16,7 +16,7 @@ pub(super) struct World<'a> {
 
 impl<'a> World<'a> {
     pub(super) fn new(geometry: &'a Geometry, grid: &'a RootGrid) -> Self {
-        Self { geometry, grid, single: geometry.is_along_axes() }
+        Self { geometry, grid, single: geometry.fits_single() }
     }
 
     /// The point `at` of root `number` in the world.

@@ -20,6 +20,11 @@ use crate::contour::patch::Border;
 use crate::execution::{CostLog, Execution};
 use crate::grid::{Geometry, MaterialId, Pair, VertexKind};
 
+/// Stages of [`Builder::finish`], with their shares of its time.
+pub const STAGES: [(&str, f64); 2] = [(COLLAPSING, 1.0), (MENDING, 2.0)];
+const COLLAPSING: &str = "simplifying";
+const MENDING: &str = "mending and measuring";
+
 /// How to simplify.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -100,6 +105,7 @@ impl Builder {
         let graded = costs.measure("collapse", || grow(&mut forest, bound, placement, execution))?;
         let grid = forest.leaves.grid.clone();
         let world = World::new(geometry, &grid);
+        let stage = execution.stage(MENDING, 0);
         let making = Making { bound, placement, border, world: &world, execution };
         let (vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
         let mut flips = 0;
@@ -133,6 +139,7 @@ impl Builder {
             remedy,
             flips,
         };
+        drop(stage);
         execution.check()?;
         Ok(finished(made, geometry, statistics, costs))
     }
@@ -145,7 +152,7 @@ fn grow(
     placement: Placement,
     execution: &Execution,
 ) -> Result<u64, ContourError> {
-    let stage = execution.stage("simplifying", forest.leaves.roots.len() as u64);
+    let stage = execution.stage(COLLAPSING, forest.leaves.roots.len() as u64);
     forest.grow(bound, placement, execution, &stage)?;
     drop(stage);
     let graded = grade(forest);
