@@ -58,8 +58,13 @@ fn reported(input: &Path, more: &[&str]) -> [Counts; 2] {
         .args(more)
         .output()
         .unwrap();
-    assert!(run.status.success(), "{more:?}: {}", String::from_utf8_lossy(&run.stderr));
     let report: RunReport = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    // Where noise is cut open, two corners of a shell may touch in a vertex (marching leaves such vertices, too). There
+    // are no other defects, and with a closed border none.
+    let touching = report.defects.non_manifold_vertices.count;
+    assert_eq!(report.unexpected_defects, touching, "{more:?}");
+    assert!(touching == 0 || more.contains(&"open"), "{more:?}: {touching}");
+    assert_eq!(run.status.success(), touching == 0, "{more:?}");
     let dual = report.dual.unwrap();
     assert!(dual.nodes.pseudo_leaf == 0 && dual.collapses.made == 0 && dual.deviation.is_none(), "{dual:?}");
     let ids = |p: interfacet::Pair| [p.back().0, p.front().0];
