@@ -417,7 +417,7 @@ const DUAL_WAYS: [&[&str]; 6] = [
     &["--slab", "7", "--threads", "1"],
     &["--slab", "7", "--threads", "3"],
     &["--slab", "40", "--threads", "2"],
-    &["--memory", "300MiB", "--threads", "1"],
+    &["--memory", "228MiB", "--threads", "1"],
     &["--memory", "4GiB", "--threads", "3"],
 ];
 
