@@ -276,9 +276,42 @@ fn options_out_of_range_are_refused() {
         ("--denoise median:radius=17", 1, &["17 voxels", "16 is the most", "smaller radius"]),
         ("--denoise mean:radius=0.5mm", 1, &["no other voxel", "larger radius"]),
         ("--denoise mean --labels", 1, &["labels have no noise", "--denoise"]),
+        ("--method cubes", 2, &["'cubes'", "--method", "marching, dual"]),
+        ("--method dual --tolerance nan", 2, &["'nan'", "not a distance", "0.02mm"]),
+        ("--method dual --tolerance inf", 2, &["'inf'", "not a distance", "0.02mm"]),
+        ("--method dual --tolerance 2cm", 2, &["'2cm'", "not a distance", "0.02mm"]),
+        ("--method dual --tolerance mm", 2, &["'mm'", "not a distance", "0.02mm"]),
+        ("--method dual --phi nan", 1, &["NaN", "finite", "--phi"]),
+        ("--method dual --phi 1 --tolerance 1", 2, &["--phi", "--tolerance", "cannot be used"]),
+        ("--method dual --phi 1 --target-triangles 9", 2, &["--phi", "--target-triangles", "cannot be used"]),
+        ("--method dual --tolerance 1 --target-triangles 9", 2, &["--tolerance", "--target-triangles"]),
+        ("--method dual --target-triangles 0", 2, &["0 is not in", "--target-triangles"]),
+        ("--method dual --qef middle", 2, &["'middle'", "clamped, paper"]),
+        ("--tolerance 0.1", 1, &["--tolerance", "--method dual", "add it"]),
+        ("--phi 1", 1, &["--phi", "--method dual", "add it"]),
+        ("--target-triangles 9", 1, &["--target-triangles", "--method dual", "add it"]),
+        ("--method marching --qef paper", 1, &["--qef", "--method dual", "leave"]),
+        ("--normals sided", 1, &["--normals", "--method dual", "add it"]),
     ] {
         work.fails(&format!("good.raw {RAW} {option}"), code, words);
     }
+}
+
+#[test]
+fn tolerances_are_taken_in_voxels_and_millimetres() {
+    let work = Work::new();
+    // The spacing is 2 mm, so all are the same but the last two.
+    let mut triangles = Vec::new();
+    for tolerance in [" 0.1mm", " 0.05", " 0.05vx", " -1", "=-1mm"] {
+        let run = format!("good.raw {RAW} --spacing 2 --method dual --tolerance{tolerance}");
+        let output = work.extract(&run);
+        assert!(output.status.success(), "{run}: {}", String::from_utf8_lossy(&output.stderr));
+        let report = fs::read(work.path().join("out/report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        triangles.push(report["triangles"].as_u64().unwrap());
+    }
+    let [a, b, c, d, e] = triangles[..] else { panic!("{triangles:?}") };
+    assert!(a == b && b == c && d == e && a < d, "{triangles:?}");
 }
 
 #[test]

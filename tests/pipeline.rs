@@ -92,13 +92,22 @@ fn an_open_border_is_no_defect_and_is_counted() {
     assert!(good && report["defect_count"] == 0 && report["non_manifold_edges"]["boundary_edges"] == 0);
 }
 
+/// Pseudo-random, the same everywhere. Multiples of a constant would not do: those of neighbouring voxels depend
+/// on each other, and the filters and the search for noise take them for something else.
+fn mix(i: u64) -> u64 {
+    let h = (i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let h = (h ^ h >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let h = (h ^ h >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    h ^ h >> 31
+}
+
 /// Slices of a cylinder of grey 160 in air of grey 40 with noise; the first and last third are empty.
 fn cylinder() -> MemorySource {
     let samples = (0..SIZE.pow(3)).map(|i| {
         let p = [i % SIZE, i / SIZE % SIZE, i / (SIZE * SIZE)];
         let radius = (p[0] as f64 - 23.4).hypot(p[1] as f64 - 24.1);
         let inside = if (16..32).contains(&p[2]) { (14.5 - radius).clamp(0.0, 1.0) } else { 0.0 };
-        let noise: u64 = (0..4).map(|k| (i as u64 * 4 + k).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 59).sum();
+        let noise: u64 = (0..4).map(|k| mix(i as u64 * 4 + k) >> 59).sum();
         (40.0 + 120.0 * inside + 0.5 * noise as f64 - 31.0) as f32
     });
     let geometry = Geometry::axis_aligned([SIZE; 3], [0.2; 3]).expect("geometry");

@@ -8,9 +8,13 @@ use std::path::Path;
 
 use common::{assert_same, shared};
 use interfacet::classify::ClassifyError;
+use interfacet::contour::NormalRule;
+use interfacet::contour::dual::Placement;
 use interfacet::grid::VoxelBox;
 use interfacet::mesh::{MeshMaterial, MeshMerger, MeshPiece};
-use interfacet::pipeline::{IsoValue, MeshSink, PipelineError, SinkError, Threshold, extract_into};
+use interfacet::pipeline::{
+    DualMethod, IsoValue, MeshSink, Method, PipelineError, SinkError, Threshold, Tolerance, extract_into,
+};
 use interfacet::volume::{Denoise, SampleType, VolumeError};
 use interfacet::{
     Border, Execution, Extraction, Geometry, MaterialChoice, MemorySource, NamedGrey, PipelineOptions,
@@ -101,6 +105,7 @@ fn same(geometry: &Geometry, samples: &Samples, options: &PipelineOptions, cut: 
             assert_eq!(a.blur, b.blur);
             assert_eq!(a.classification, b.classification);
             assert_eq!(a.voxels, b.voxels);
+            assert_eq!(a.dual, b.dual);
         }
         (Err(a), Err(b)) => assert_eq!(format!("{a:?}"), format!("{b:?}"), "{cut:?}"),
         (a, b) => panic!("{:?} but {:?} with {cut:?}", a.as_ref().err(), b.as_ref().err()),
@@ -191,6 +196,30 @@ fn some_cut() -> impl Strategy<Value = Cut> {
     })
 }
 
+/// Both ways to make a surface; dual with any of its options.
+fn some_method() -> impl Strategy<Value = Method> {
+    let tolerance = prop_oneof![
+        Just(Tolerance::Auto),
+        (-0.2..1.5f64).prop_map(Tolerance::Voxels),
+        (0.0..0.4f64).prop_map(Tolerance::Millimetres),
+        (-0.5..8.0f64).prop_map(Tolerance::Phi),
+        (1..4000u64).prop_map(Tolerance::Triangles),
+    ];
+    let placement = prop_oneof![Just(Placement::Clamped), Just(Placement::Paper)];
+    let normals = prop_oneof![
+        Just(NormalRule::Auto),
+        Just(NormalRule::Gradient),
+        Just(NormalRule::Smoothed),
+        Just(NormalRule::Sided),
+    ];
+    let dual = (tolerance, placement, normals).prop_map(|(tolerance, placement, normals)| DualMethod {
+        tolerance,
+        placement,
+        normals,
+    });
+    prop_oneof![Just(Method::Marching), dual.prop_map(Method::Dual)]
+}
+
 fn border(open: bool) -> Border {
     if open { Border::Open } else { Border::Closed }
 }
@@ -212,6 +241,7 @@ proptest! {
         sample in some_type(),
         find in 0..6usize,
         denoise in some_filter(),
+        method in some_method(),
         radius in prop::option::of(0.9..2.6f64),
         open: bool,
         seed: u64,
@@ -231,7 +261,7 @@ proptest! {
             3 => MaterialChoice::Threshold(Threshold { iso: IsoValue::Given(to(110.5)), names: Vec::new() }),
             _ => given(to),
         };
-        let options = PipelineOptions { materials, radius, border: border(open), denoise };
+        let options = PipelineOptions { materials, radius, border: border(open), denoise, method };
         let _ = same(&geometry, &samples, &options, cut);
     }
 
@@ -241,6 +271,7 @@ proptest! {
         parts in some_parts(),
         sparse in prop::option::of(3..40u64),
         sample in some_type(),
+        method in some_method(),
         open: bool,
         seed: u64,
         cut in some_cut(),
@@ -251,7 +282,7 @@ proptest! {
             [0.0, 3.0, 70.0, 200.0, 255.0][if other { 4 } else { usize::from(label) }]
         });
         let (samples, _) = samples(&labels.collect::<Vec<_>>(), sample);
-        let options = PipelineOptions { materials: MaterialChoice::Labels, border: border(open), ..PipelineOptions::default() };
+        let options = PipelineOptions { materials: MaterialChoice::Labels, border: border(open), method, ..PipelineOptions::default() };
         let _ = same(&geometry, &samples, &options, cut);
     }
 }
@@ -369,7 +400,7 @@ fn a_filtered_volume_and_one_grey_value_are_the_same_in_slabs() {
         [&[], &["--slab", "1"], &["--slab", "19", "--threads", "1"], &["--memory", "600MiB"]];
     assert_same(ring, &["--denoise", "bilateral", "--check", "topology"], &ways);
     assert_same(ring, &["--threshold", "otsu-mode", "--denoise", "nlm:search=1", "--border", "open"], &ways);
-    assert_same(ring, &["--iso", "20000", "--roi", "5:60,:,11:70"], &ways);
+    assert_same(ring, &["--iso", "160", "--roi", "5:60,:,11:70"], &ways);
 }
 
 #[test]
@@ -378,6 +409,63 @@ fn an_engine_is_the_same_in_slabs() {
     let paper = ["--iso", "106", "--roi", ":,:,0:100", "--check", "topology"];
     assert_same(&input, &paper, &[&[], &["--slab", "7", "--threads", "1"]]);
     assert_same(&input, &[], &[&[], &["--slab", "7", "--threads", "1"], &["--slab", "40"]]);
+}
+
+/// Whole, in thin slabs and in thick ones, with one thread to three, and with little memory.
+const DUAL_WAYS: [&[&str]; 6] = [
+    &[],
+    &["--slab", "7", "--threads", "1"],
+    &["--slab", "7", "--threads", "3"],
+    &["--slab", "40", "--threads", "2"],
+    &["--memory", "228MiB", "--threads", "1"],
+    &["--memory", "4GiB", "--threads", "3"],
+];
+
+#[test]
+fn a_dual_surface_is_the_same_in_slabs() {
+    let ring = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/press_fit_ring.mha");
+    let dual = ["--method", "dual"];
+    let with = |more: &[&'static str]| [&dual[..], more].concat();
+    assert_same(ring, &with(&[]), &DUAL_WAYS);
+    assert_same(ring, &with(&["--iso", "60", "--tolerance", "0.1mm", "--border", "open"]), &DUAL_WAYS);
+    let cropped = with(&["--roi", "5:60,:,11:70", "--target-triangles", "3000", "--check", "topology"]);
+    assert_same(ring, &cropped, &DUAL_WAYS[..4]);
+    assert_same(ring, &with(&["--denoise", "mean", "--phi", "1.5", "--qef", "paper"]), &DUAL_WAYS[..4]);
+}
+
+#[test]
+fn a_dual_surface_of_labels_is_the_same_in_slabs() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("labels.raw");
+    let size = [70, 45, 81];
+    let parts = [
+        ([0.4, 0.5, 0.5], 0.35, true, 1),
+        ([0.6, 0.4, 0.4], 0.2, false, 2),
+        ([0.5, 0.9, 0.8], 0.25, true, 3),
+        ([0.1, 0.2, 0.9], 0.15, false, 2),
+    ];
+    std::fs::write(&input, lumps(size, &parts)).unwrap();
+    let labels = ["--size", "70,45,81", "--type", "u8", "--labels", "--method", "dual"];
+    let input = input.to_str().unwrap();
+    assert_same(input, &labels, &DUAL_WAYS);
+    assert_same(
+        input,
+        &[&labels[..], &["--tolerance", "-1", "--check", "topology"]].concat(),
+        &DUAL_WAYS[..4],
+    );
+    if let Some(weave) = shared("weave/small_weave_tag.tif") {
+        let cropped = ["--labels", "--method", "dual", "--roi", "10:90,0:70,20:80", "--check", "topology"];
+        assert_same(&weave, &cropped, &DUAL_WAYS[..4]);
+    }
+}
+
+#[test]
+fn a_dual_engine_is_the_same_in_slabs() {
+    let Some(input) = shared("engine/engine.mha") else { return };
+    let cropped = ["--method", "dual", "--roi", "40:200,40:220,1:80", "--check", "topology"];
+    assert_same(&input, &cropped, &[DUAL_WAYS[0], DUAL_WAYS[2], DUAL_WAYS[3]]);
+    let paper = ["--method", "dual", "--iso", "106", "--roi", ":,:,0:100", "--check", "topology"];
+    assert_same(&input, &paper, &[DUAL_WAYS[0], DUAL_WAYS[1], DUAL_WAYS[4]]);
 }
 
 #[test]

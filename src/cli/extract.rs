@@ -57,6 +57,8 @@ Examples:
       a noisy scan: the noise is filtered first
   interfacet extract segmented.mha --labels --out result
       a volume that another program has segmented
+  interfacet extract part.mha --method dual --tolerance 0.02mm --out result
+      few triangles: the surface may move by 0.02 mm, edges stay sharp
 ";
 
 /// Arguments of `interfacet extract`.
@@ -118,39 +120,38 @@ pub(crate) struct Args {
     #[arg(long, value_enum, default_value_t = BorderName::Closed, help_heading = "Surface")]
     border: BorderName,
 
-    /// How to make the surface: `marching` (generalized marching cubes, triangles in every cell) or
-    /// `dual` (adaptive dual contouring: few triangles where the surface is flat, sharp edges kept).
-    #[arg(long, value_enum, default_value_t = MethodName::Marching, help_heading = "Surface")]
+    /// How to make the surface. The options below it are for `dual` only.
+    #[arg(long, value_enum, default_value_t = MethodName::Marching, help_heading = "Surface: dual")]
     method: MethodName,
 
-    /// How far `dual` may move the surface: root mean square distance in voxels, or in mm (0.02mm);
-    /// negative: no simplification [default: 0.1, more in a noisy scan].
-    #[arg(long, value_name = "DISTANCE", allow_negative_numbers = true, help_heading = "Surface", conflicts_with_all = ["phi", "target_triangles"])]
+    /// How far `dual` may move the surface while it takes triangles away: the root mean square distance,
+    /// in voxels, or in millimetres as in 0.02mm. Larger gives fewer triangles; a negative number
+    /// takes none away [default: 0.1, more if the scan is noisy].
+    #[arg(long, value_name = "DISTANCE", allow_negative_numbers = true, help_heading = "Surface: dual", conflicts_with_all = ["phi", "target_triangles"])]
     tolerance: Option<ToleranceArg>,
 
-    /// The same as the parameter of Li et al. 2022: the sum of squared distances that a collapse may
-    /// make, in voxels squared.
+    /// Instead of --tolerance: take away triangles until about N are left.
+    #[arg(long, value_name = "N", help_heading = "Surface: dual", value_parser = clap::value_parser!(u64).range(1..))]
+    target_triangles: Option<u64>,
+
+    /// Instead of --tolerance: the parameter phi of Li et al. 2022, to compare with their paper. It bounds the
+    /// sum of squared distances, in square voxels; a negative number takes no triangles away.
     #[arg(
         long,
         value_name = "PHI",
         allow_negative_numbers = true,
-        help_heading = "Surface",
+        help_heading = "Surface: dual",
         conflicts_with = "target_triangles"
     )]
     phi: Option<f64>,
 
-    /// Let `dual` find the tolerance that gives about N triangles.
-    #[arg(long, value_name = "N", help_heading = "Surface", value_parser = clap::value_parser!(u64).range(1..))]
-    target_triangles: Option<u64>,
-
-    /// Where `dual` puts a vertex whose best place lies outside its block: at the best point inside, or
-    /// at the mean of its crossings as in the paper.
-    #[arg(long, value_enum, default_value_t = QefName::Clamped, help_heading = "Surface")]
+    /// Where to put a vertex whose best place lies outside its block of voxels.
+    #[arg(long, value_enum, value_name = "PLACE", default_value_t = QefName::Clamped, help_heading = "Surface: dual")]
     qef: QefName,
 
-    /// How `dual` estimates normals: from the scan as it asks for (auto), by central differences as in
-    /// the paper (gradient), of the smoothed scan (smoothed), or from the crossings around (sided).
-    #[arg(long, value_enum, default_value_t = NormalsName::Auto, help_heading = "Surface")]
+    /// How to find the directions that the surface faces, which tell edges from noise. Volumes of labels
+    /// (--labels) have a way of their own, whatever is said here.
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = NormalsName::Auto, help_heading = "Surface: dual")]
     normals: NormalsName,
 
     /// How thoroughly to check the mesh: `full` looks for self-intersections too, which takes
@@ -183,21 +184,29 @@ enum ThresholdName {
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum MethodName {
+    /// Generalized marching cubes: triangles in every cell that the surface passes.
     Marching,
+    /// Adaptive dual contouring: few triangles where the surface is flat, sharp edges kept.
     Dual,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum QefName {
+    /// At the best place inside the block.
     Clamped,
+    /// At the mean of the crossings, as in Li et al. 2022.
     Paper,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
 enum NormalsName {
+    /// From the scan where the surface is smooth, from the crossings around where an edge is near.
     Auto,
+    /// Central differences, as in Li et al. 2022: rounds edges off.
     Gradient,
+    /// Gradient of the smoothed scan: little noise, but rounds edges off.
     Smoothed,
+    /// From the crossings around, on this side of any edge.
     Sided,
 }
 

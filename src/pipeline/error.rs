@@ -47,7 +47,7 @@ pub enum PipelineError {
     },
     /// A tolerance that is no number.
     #[error(
-        "the tolerance {value} is not a finite number; give a distance in voxels (0.1) or in mm (0.02mm)"
+        "the tolerance {value} is not a finite number; give --tolerance in voxels (0.1) or in mm (0.02mm), or --phi in square voxels"
     )]
     Tolerance {
         /// What was given.

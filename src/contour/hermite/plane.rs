@@ -24,6 +24,12 @@ pub(super) struct Column {
     pub(super) variance: f32,
 }
 
+impl Column {
+    fn is_middle(&self) -> bool {
+        self.at.iter().all(|&a| a == 0.0)
+    }
+}
+
 /// The plane `height = level + slope · (u, v)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Plane {
@@ -101,7 +107,7 @@ const SECTOR: [[u8; WIDTH]; WIDTH] = {
 const fn sector(u: i32, v: i32) -> u8 {
     // Turn by quarters until u > 0 and v >= 0.
     let (mut u, mut v, mut quarter) = (u, v, 0);
-    while !(u > 0 && v >= 0) && !(u == 0 && v == 0) {
+    while !(u > 0 && v >= 0 || u == 0 && v == 0) {
         (u, v) = (v, -u);
         quarter += 4;
     }
@@ -163,7 +169,7 @@ pub(super) fn fit(columns: &[Column], reach: usize, demand: Demand) -> Option<(P
 
 fn is_full(columns: &[Column], reach: usize) -> bool {
     // A crossing beside the middle is one more than the window has.
-    columns.len() == (2 * reach + 1).pow(2) + usize::from(columns[0].at != [0.0; 2])
+    columns.len() == (2 * reach + 1).pow(2) + usize::from(!columns[0].is_middle())
 }
 
 /// Whether a full window is explained by a face that bends evenly: then its slope in the middle is that of
@@ -194,8 +200,7 @@ fn best_part(own: &Column, others: &[Column], allowed: f32) -> Option<Plane> {
     for c in others {
         let [i, j] = std::array::from_fn(|k| {
             // The column in the middle, if the crossing is beside it, lies on the ray towards it.
-            let at =
-                if c.at == [0.0; 2] { -own.at[k].signum() * f32::from(own.at[k] != 0.0) } else { c.at[k] };
+            let at = if c.is_middle() { -own.at[k].signum() * f32::from(own.at[k] != 0.0) } else { c.at[k] };
             (at + MAX_REACH as f32) as usize
         });
         add(&mut parts[usize::from(SECTOR[i][j])], &sums(c));
