@@ -9,7 +9,7 @@ use anyhow::Context;
 use super::phantom::ObjectArgs;
 use crate::execution::Execution;
 use crate::export::{ReadOptions, read_mesh, write_atomically};
-use crate::phantom::compare::{CompareOptions, Comparison, DISTURBED, Distances, compare};
+use crate::phantom::compare::{CREASE, CompareOptions, Comparison, DISTURBED, Distances, compare};
 use crate::phantom::{Phantom, SceneName, Sidecar};
 use crate::report::RunReport;
 
@@ -30,7 +30,7 @@ pub(crate) struct Args {
     /// The mesh, as `interfacet extract` writes it.
     mesh: PathBuf,
     /// The truth file that was written beside the phantom's volume.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness", "extent"])]
     truth: Option<PathBuf>,
     /// The phantom by name, with the options below as it was made.
     #[arg(long, value_name = "NAME", conflicts_with = "truth", required_unless_present = "truth")]
@@ -140,6 +140,21 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
         }
         row(out, "mesh to truth", junctions.mesh_to_truth.as_ref())?;
         row(out, "truth to mesh", junctions.truth_to_mesh.as_ref())?;
+    }
+    for edge in &found.edges {
+        writeln!(
+            out,
+            "\nsharp edges of {}/{}: {:.2} mm in the truth, {:.2} mm of folds above {CREASE} degrees in the mesh",
+            name(edge.back),
+            name(edge.front),
+            edge.truth_length,
+            edge.crease_length
+        )?;
+        row(out, "true edge to surface", edge.to_surface.as_ref())?;
+        row(out, "  clear of corners and junctions", edge.to_surface_clear.as_ref())?;
+        row(out, "true edge to an edge of the mesh", edge.to_mesh_edge.as_ref())?;
+        row(out, "  clear of corners and junctions", edge.to_mesh_edge_clear.as_ref())?;
+        row(out, "folds of the mesh to true edges", edge.crease_to_edge.as_ref())?;
     }
     writeln!(
         out,

@@ -32,6 +32,9 @@ pub(super) struct ObjectArgs {
     /// Thickness of the thin part or gap of thin-plate, thin-gap and thin-layer in voxels.
     #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
     thickness: f64,
+    /// Edges of the box of cube in voxels, before it is turned, instead of --fill: one number, or X,Y,Z.
+    #[arg(long, value_name = "N|X,Y,Z", value_parser = one_or_three::<f64>, conflicts_with = "fill")]
+    extent: Option<[f64; 3]>,
 }
 
 impl ObjectArgs {
@@ -45,6 +48,7 @@ impl ObjectArgs {
             shift: self.shift,
             fill: self.fill,
             thickness: self.thickness,
+            extent: self.extent,
             ..PhantomOptions::default()
         }
     }
@@ -55,6 +59,8 @@ Examples:
   interfacet phantom press-fit-ring --out part.mha
       writes part.mha, and the exact geometry to part.phantom.json
   interfacet phantom thin-plate --thickness 2.5 --size 128 --noise 3 --out plate.mha
+  interfacet phantom cube --extent 128,128,46 --size 144,144,64 --rotate 0,0,0 --shift 0,0,0 --binary --out cube.mha
+      a box whose faces lie on voxel boundaries, of two grey values only
   interfacet phantom --list
 ";
 
@@ -81,8 +87,13 @@ pub(crate) struct Args {
 #[command(next_help_heading = "Image")]
 struct ImageArgs {
     /// Sigma of the Gaussian blur in voxels: one number (the same length in mm in every direction), or per axis X,Y,Z.
-    #[arg(long, value_name = "S|X,Y,Z", default_value = "1.15", value_parser = one_to_three)]
+    /// 0: the share of each material in a voxel, no blur.
+    #[arg(long, visible_alias = "blur", value_name = "S|X,Y,Z", default_value = "1.15", value_parser = one_to_three)]
     sigma: Sigma,
+    /// Give every voxel the grey value of the material at its centre: neither area sampling nor blur.
+    /// Noise is still added: see --noise.
+    #[arg(long, conflicts_with_all = ["sigma", "fine"])]
+    binary: bool,
     /// White noise in percent of the smallest difference between two materials.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
     noise: f64,
@@ -197,6 +208,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     options.sample_type = image.sample_type;
     options.greys.clone_from(&image.greys);
     options.fine = image.fine;
+    options.binary = image.binary;
 
     let phantom = Phantom::new(&options)?;
     let samples = phantom.rasterise(execution)?;

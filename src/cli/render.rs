@@ -17,6 +17,8 @@ Examples:
   interfacet render result/assembly.ply --out part.png
   interfacet render result/assembly.ply --cut z=20 --caps --out inside.png
       cut open at z = 20 mm, with the materials in section
+  interfacet render result/assembly.ply --wireframe --out edges.png
+      with every triangle's edges, so that their size shows
   interfacet render result/assembly.ply --volume part.mha --slice z=40 --out slice.png
       slice 40 of the volume with the outline of the mesh
 ";
@@ -65,8 +67,8 @@ struct ViewArgs {
     /// Close the cut with the materials in section (right for closed meshes only).
     #[arg(long, requires = "cut")]
     caps: bool,
-    /// Draw the triangles' edges, too.
-    #[arg(long, conflicts_with = "volume")]
+    /// Draw the triangles' edges over the shading: shows how large the triangles are.
+    #[arg(long, visible_alias = "edges", conflicts_with = "volume")]
     wireframe: bool,
     /// Leave the background clear instead of white.
     #[arg(long, conflicts_with = "volume")]

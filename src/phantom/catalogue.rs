@@ -23,6 +23,10 @@ pub enum SceneName {
     BoltInPlate,
     /// Tilted iron cube in an aluminium cube, flush with one face.
     CubeInCube,
+    /// One aluminium box.
+    Cube,
+    /// Iron cube in a corner of an aluminium cube, flush with three of its faces.
+    FlushCubes,
     /// Iron ball sunk into the end of an aluminium cylinder.
     SphereOnCylinder,
     /// Four materials that meet in a point.
@@ -65,6 +69,15 @@ pub(super) struct Blueprint {
     pub(super) topology: Vec<Topology>,
 }
 
+/// What options decide of an object's form, in its own units.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    /// Of a thin part or gap.
+    pub(super) thickness: f64,
+    /// Half the edges of a box.
+    pub(super) half: DVec3,
+}
+
 /// How far an object reaches from its centre.
 pub(super) enum Bounds {
     Box(DVec3),
@@ -80,10 +93,12 @@ const TORUS: Topology = shell(1, 0);
 
 impl SceneName {
     /// All of them, in the order of the list.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::PressFitRing,
         Self::BoltInPlate,
         Self::CubeInCube,
+        Self::Cube,
+        Self::FlushCubes,
         Self::SphereOnCylinder,
         Self::FourMaterials,
         Self::ThinPlate,
@@ -100,6 +115,8 @@ impl SceneName {
             Self::PressFitRing => "press-fit-ring",
             Self::BoltInPlate => "bolt-in-plate",
             Self::CubeInCube => "cube-in-cube",
+            Self::Cube => "cube",
+            Self::FlushCubes => "flush-cubes",
             Self::SphereOnCylinder => "sphere-on-cylinder",
             Self::FourMaterials => "four-materials",
             Self::ThinPlate => "thin-plate",
@@ -124,8 +141,8 @@ impl SceneName {
     /// Expected shells of its materials, by id.
     #[must_use]
     pub fn topology(self) -> Vec<Topology> {
-        // The thickness does not change it.
-        self.blueprint(0.1).topology
+        // Thickness and extent do not change it.
+        self.blueprint(Shape { thickness: 0.1, half: DVec3::ONE }).topology
     }
 
     /// What the object is and what it shows.
@@ -140,6 +157,12 @@ impl SceneName {
             }
             Self::CubeInCube => {
                 "A tilted iron cube inside an aluminium cube, cut off flush with its top face. Air, aluminium and iron meet in a quadrilateral with four corners, at angles from 66 to 114 degrees."
+            }
+            Self::Cube => {
+                "One aluminium box: plane faces, convex sharp edges, corners; --extent gives its edges in voxels. Its faces lie on voxel boundaries with --rotate 0,0,0 --shift 0,0,0 where extent and size are both even or both odd."
+            }
+            Self::FlushCubes => {
+                "An iron cube in a corner of an aluminium cube of 20/11 its edge: flush with three faces, whose edges and corner they share, 9/11 of its edge inside of the other three. Air, aluminium and iron meet in a ring of six straight pieces: at 180, 90 and 90 degrees along a face, and over three edges and round three inner corners."
             }
             Self::SphereOnCylinder => {
                 "An iron ball sunk into the flat end of an aluminium cylinder, slightly off its axis. Curved interfaces; air, aluminium and iron meet in a circle at which the air is a wedge of 77 degrees."
@@ -173,7 +196,7 @@ impl SceneName {
         match self {
             Self::FourMaterials => &[AIR, ALUMINIUM, MIDDLE, IRON],
             Self::ThinPlate => &[AIR, IRON],
-            Self::ThinGap | Self::Steps | Self::Sphere => &[AIR, ALUMINIUM],
+            Self::Cube | Self::ThinGap | Self::Steps | Self::Sphere => &[AIR, ALUMINIUM],
             _ => &[AIR, ALUMINIUM, IRON],
         }
     }
@@ -184,11 +207,18 @@ impl SceneName {
         matches!(self, Self::ThinPlate | Self::ThinGap | Self::ThinLayer)
     }
 
-    pub(super) fn bounds(self) -> Bounds {
+    /// Whether `--extent` matters.
+    #[must_use]
+    pub fn uses_extent(self) -> bool {
+        self == Self::Cube
+    }
+
+    pub(super) fn bounds(self, half: DVec3) -> Bounds {
         match self {
+            Self::Cube => Bounds::Box(half),
             Self::PressFitRing => Bounds::Box(DVec3::new(1.0, 1.0, 0.675)),
             Self::BoltInPlate => Bounds::Box(DVec3::new(1.0, 1.0, 0.75)),
-            Self::CubeInCube => Bounds::Box(DVec3::ONE),
+            Self::CubeInCube | Self::FlushCubes => Bounds::Box(DVec3::ONE),
             Self::SphereOnCylinder => Bounds::Box(DVec3::new(0.95, 0.95, 0.9)),
             Self::FourMaterials => Bounds::Box(DVec3::new(1.0, 1.0, 0.8)),
             Self::ThinPlate => Bounds::Box(DVec3::new(1.0, 1.0, 0.4)),
@@ -202,15 +232,17 @@ impl SceneName {
         if self.uses_thickness() { 0.8 } else { f64::INFINITY }
     }
 
-    /// The object; `thickness` in its own units.
-    pub(super) fn blueprint(self, thickness: f64) -> Blueprint {
+    /// The object in this form.
+    pub(super) fn blueprint(self, Shape { thickness, half }: Shape) -> Blueprint {
         match self {
             Self::PressFitRing => press_fit_ring(),
             Self::BoltInPlate => bolt_in_plate(),
             Self::CubeInCube => cube_in_cube(),
+            Self::Cube => cube(half),
+            Self::FlushCubes => flush_cubes(),
             Self::SphereOnCylinder => sphere_on_cylinder(),
             Self::FourMaterials => four_materials(),
-            Self::ThinPlate => thin_plate(thickness),
+            Self::ThinPlate => cube(DVec3::new(1.0, 1.0, 0.5 * thickness)),
             Self::ThinGap => two_blocks(thickness, false),
             Self::ThinLayer => two_blocks(thickness, true),
             Self::Steps => steps(),
@@ -338,12 +370,24 @@ fn four_materials() -> Blueprint {
     Blueprint { scene, volumes: vec![third, third, PI * (middle - bottom)], topology: vec![BALL; 4] }
 }
 
-fn thin_plate(thickness: f64) -> Blueprint {
-    let half = 0.5 * thickness;
+/// A box of material 1.
+fn cube(half: DVec3) -> Blueprint {
     let mut scene = Scene::default();
-    let plate = scene.cuboid(DVec3::new(-1.0, -1.0, -half), DVec3::new(1.0, 1.0, half));
-    scene.solid(1, &[&plate]);
-    Blueprint { scene, volumes: vec![4.0 * thickness], topology: vec![BALL; 2] }
+    let sides = scene.cuboid(-half, half);
+    scene.solid(1, &[&sides]);
+    Blueprint { scene, volumes: vec![8.0 * half.element_product()], topology: vec![BALL; 2] }
+}
+
+fn flush_cubes() -> Blueprint {
+    let low = -0.1;
+    let mut scene = Scene::default();
+    let outer = scene.cuboid(DVec3::NEG_ONE, DVec3::ONE);
+    // The three high faces are the outer cube's own: flush.
+    let inner = [0, 1, 2].map(|a| Side(scene.plane(-DVec3::AXES[a], -low), true));
+    scene.solid(1, &[&outer]);
+    scene.solid(2, &[&[inner[0], outer[1], inner[1], outer[3], inner[2], outer[5]]]);
+    let iron = (1.0 - low).powi(3);
+    Blueprint { scene, volumes: vec![8.0 - iron, iron], topology: vec![BALL; 3] }
 }
 
 /// Two aluminium blocks, between them air or a layer of iron.

@@ -28,7 +28,7 @@ pub use catalogue::{SceneName, Topology};
 pub use curve::Curve;
 pub use options::{Noise, PhantomError, PhantomOptions};
 pub use scene::Scene;
-pub use sidecar::{Sidecar, SidecarMaterial};
+pub use sidecar::{Sidecar, SidecarEdge, SidecarMaterial};
 pub use surface::Surface;
 pub use truth::{Closest, CurvePiece, Truth};
 
@@ -56,7 +56,11 @@ impl Phantom {
         let geometry = Geometry::axis_aligned(options.size, options.spacing)?;
         let materials = materials(options)?;
         let rotation = surface::rotation(options.rotation);
-        let scale = scale(options, &geometry, &rotation);
+        let half = match options.extent {
+            Some(extent) => 0.5 * DVec3::from(extent) * DVec3::from(options.spacing),
+            None => DVec3::ONE,
+        };
+        let scale = scale(options, &geometry, &rotation, half)?;
         let thickness = options.thickness * geometry.voxel_edge() / scale;
         let limit = options.scene.max_thickness();
         if thickness > limit {
@@ -69,11 +73,11 @@ impl Phantom {
         }
         let middle = DVec3::from(options.size.map(|n| 0.5 * (n as f64 - 1.0)));
         let centre = geometry.world(middle + DVec3::from(options.shift));
-        let blueprint = options.scene.blueprint(thickness);
+        let blueprint = options.scene.blueprint(catalogue::Shape { thickness, half });
         let scene = blueprint.scene.placed(&rotation, scale, centre);
         let volumes = blueprint.volumes.iter().map(|v| v * scale.powi(3)).collect();
         let radius = scale
-            * match options.scene.bounds() {
+            * match options.scene.bounds(half) {
                 catalogue::Bounds::Box(half) => half.length(),
                 catalogue::Bounds::Ball(radius) => radius,
             };
@@ -121,6 +125,9 @@ impl Phantom {
     /// Sigma of its blur, mm per axis, without the voxel's own box.
     #[must_use]
     pub fn sigma_mm(&self) -> [f64; 3] {
+        if self.options.binary {
+            return [0.0; 3];
+        }
         let spacing = self.geometry.spacing();
         match self.options.sigma_axes {
             Some(axes) => std::array::from_fn(|a| axes[a] * spacing[a]),
@@ -128,7 +135,8 @@ impl Phantom {
         }
     }
 
-    /// The volume: area-sampled on the fine grid, blurred there, averaged over each voxel, with noise.
+    /// The volume: area-sampled on the fine grid, blurred there, averaged over each voxel, with noise; or
+    /// sampled at the voxels' centres, with noise.
     ///
     /// # Errors
     /// [`PhantomError::Cancelled`] if it was stopped.
@@ -137,15 +145,32 @@ impl Phantom {
     }
 }
 
-/// mm per unit of the object: its rotated box fills the wanted share of the shortest side.
-fn scale(options: &PhantomOptions, geometry: &Geometry, rotation: &DMat3) -> f64 {
-    let spacing = geometry.spacing();
-    let side = (0..3).map(|a| options.size[a] as f64 * spacing[a]).fold(f64::INFINITY, f64::min);
-    let reach = match options.scene.bounds() {
-        catalogue::Bounds::Ball(radius) => radius,
-        catalogue::Bounds::Box(half) => (0..3).map(|a| rotation.row(a).abs().dot(half)).fold(0.0, f64::max),
+/// mm per unit of the object: its rotated box fills the wanted share of the shortest side. A box with an extent
+/// has mm for units; it must fit.
+fn scale(
+    options: &PhantomOptions,
+    geometry: &Geometry,
+    rotation: &DMat3,
+    half: DVec3,
+) -> Result<f64, PhantomError> {
+    let sides = DVec3::from(geometry.spacing()) * DVec3::from(options.size.map(|n| n as f64));
+    let reach = match options.scene.bounds(half) {
+        catalogue::Bounds::Ball(radius) => DVec3::splat(radius),
+        catalogue::Bounds::Box(half) => DVec3::from([0, 1, 2].map(|a| rotation.row(a).abs().dot(half))),
     };
-    0.5 * options.fill * side / reach
+    let Some(extent) = options.extent else {
+        return Ok(0.5 * options.fill * sides.min_element() / reach.max_element());
+    };
+    // A hair more for rounding: a box as large as the volume is right.
+    let over = (0..3).find(|&a| 2.0 * reach[a] > sides[a] * (1.0 + 1e-9));
+    over.map_or(Ok(1.0), |a| {
+        let range = format!(
+            "so small that the turned box ({:.1} voxels along {}) fits into the volume",
+            2.0 * reach[a] / geometry.spacing()[a],
+            ["x", "y", "z"][a]
+        );
+        Err(PhantomError::Range { name: "extent", value: extent[a], range })
+    })
 }
 
 fn materials(options: &PhantomOptions) -> Result<MaterialTable, PhantomError> {

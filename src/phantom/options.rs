@@ -39,6 +39,12 @@ pub struct PhantomOptions {
     /// Thickness of a thin part or gap, in voxels (edges of the cube with a voxel's volume).
     /// Only some scenes have one.
     pub thickness: f64,
+    /// Edges of the box in voxels per axis, before it is turned; `fill` has no say then. Only the scene
+    /// `cube` has them; `None`: a cube.
+    pub extent: Option<[f64; 3]>,
+    /// Every voxel has the grey value of the material at its centre (noise and cupping apart): neither area
+    /// sampling nor blur.
+    pub binary: bool,
     /// Sigma of the Gaussian blur, in voxels (edges of the cube with a voxel's volume), the same length
     /// in mm in every direction. The box of the voxel adds 1/12 to its square.
     pub sigma: f64,
@@ -69,6 +75,8 @@ impl Default for PhantomOptions {
             shift: [0.31, -0.17, 0.23],
             fill: 0.75,
             thickness: 4.0,
+            extent: None,
+            binary: false,
             sigma: 1.15,
             sigma_axes: None,
             cupping: 0.0,
@@ -94,6 +102,12 @@ pub enum PhantomError {
         value: f64,
         /// What it must be.
         range: String,
+    },
+    /// An extent for a scene that has none.
+    #[error("the scene {scene} has no extent of its own; only cube has one")]
+    Extent {
+        /// The scene.
+        scene: &'static str,
     },
     /// The wrong number of grey values.
     #[error("{got} grey values given, but the scene {scene} has {needed} materials ({names})")]
@@ -161,6 +175,12 @@ impl PhantomOptions {
         range("fill", self.fill, self.fill > 0.0 && self.fill <= 1.0, "above 0 and at most 1")?;
         let t = self.thickness;
         range("thickness", t, t > 0.0 && t.is_finite(), "a positive number of voxels")?;
+        if self.extent.is_some() && !self.scene.uses_extent() {
+            return Err(PhantomError::Extent { scene: self.scene.name() });
+        }
+        for extent in self.extent.into_iter().flatten() {
+            range("extent", extent, extent > 0.0 && extent.is_finite(), "a positive number of voxels")?;
+        }
         for sigma in self.sigma_axes.map_or(vec![self.sigma], |s| s.to_vec()) {
             range("sigma", sigma, (0.0..=20.0).contains(&sigma), "0 to 20 voxels")?;
         }

@@ -8,6 +8,8 @@
 //! the volume's voxel are one separable kernel. So a value is the exact area average convolved with
 //! the box of a voxel and the Gaussian, but for the sampling of the latter on the fine grid.
 //!
+//! A *binary* phantom has none of that: a voxel has the grey value of the material at its centre.
+//!
 //! The object is blurred beyond the volume's border as well: nothing is clamped there. Slices of the
 //! fine grid are reduced to the volume's width and height one by one and kept only while they are
 //! needed, so memory stays near that of the result.
@@ -64,10 +66,15 @@ impl Kernel {
     }
 }
 
+/// Fine voxels along a voxel: a binary phantom needs its centre only.
+fn fine(phantom: &Phantom) -> usize {
+    if phantom.options().binary { 1 } else { phantom.options().fine }
+}
+
 pub(super) fn rasterise(phantom: &Phantom, execution: &Execution) -> Result<Samples, PhantomError> {
     let size = phantom.geometry().size();
     let spacing = phantom.geometry().spacing();
-    let factor = phantom.options().fine;
+    let factor = fine(phantom);
     let step: [f64; 3] = spacing.map(|s| s / factor as f64);
     let sigma = phantom.sigma_mm();
     let kernels: [Kernel; 3] = std::array::from_fn(|a| Kernel::new(sigma[a] / step[a], factor));
@@ -168,7 +175,7 @@ struct Slicer<'a> {
 impl<'a> Slicer<'a> {
     fn new(phantom: &'a Phantom, step: [f64; 3], kernels: &[Kernel; 3]) -> Self {
         let size = phantom.geometry().size();
-        let factor = phantom.options().fine as f64;
+        let factor = fine(phantom) as f64;
         let low = |a: usize| (0.5 - 0.5 * factor - kernels[a].reach as f64) * step[a];
         let means = phantom.materials().materials();
         Self {
@@ -243,7 +250,11 @@ impl<'a> Slicer<'a> {
                 }
             }
         } else if edge == 1 {
-            let contrast = self.mixed(centre, mask, open);
+            let contrast = if self.phantom.options().binary {
+                self.contrast[usize::from(scene.material_at(centre).0)]
+            } else {
+                self.mixed(centre, mask, open)
+            };
             out[at[1] * self.width + at[0]] = self.cupped(contrast, at);
         } else {
             let inner = TILES.get(level + 1).copied().unwrap_or(1);

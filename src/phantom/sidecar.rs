@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::catalogue::Topology;
-use super::{Phantom, PhantomError, PhantomOptions};
+use super::{Curve, CurvePiece, Phantom, PhantomError, PhantomOptions};
 
 /// What a truth file holds. Only `options` define the phantom; the rest follows from them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -30,6 +30,23 @@ pub struct Sidecar {
     /// Length of all junction curves together, mm.
     #[serde(default)]
     pub junction_length_mm: f64,
+    /// The sharp edges: where one interface bends and no third material meets it.
+    #[serde(default)]
+    pub sharp_edges: Vec<SidecarEdge>,
+    /// Where sharp edges end, world, mm.
+    #[serde(default)]
+    pub corners: Vec<[f64; 3]>,
+}
+
+/// A sharp edge in a truth file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SidecarEdge {
+    /// Id of the material behind the interface that bends there.
+    pub back: u8,
+    /// Id of the material in front.
+    pub front: u8,
+    /// The ends of a straight edge; points along a curved one, at most a voxel apart. World, mm.
+    pub points: Vec<[f64; 3]>,
 }
 
 /// A material in a truth file.
@@ -45,6 +62,23 @@ pub struct SidecarMaterial {
     pub volume_mm3: Option<f64>,
     /// Its shell's topology.
     pub topology: Topology,
+}
+
+/// A piece of a curve as points at most `step` mm apart.
+fn edge(piece: &CurvePiece, step: f64) -> Option<SidecarEdge> {
+    let pair = piece.edge_pair()?;
+    let count = match piece.curve {
+        Curve::Line { .. } => 1.0,
+        Curve::Ellipse { a, b, .. } => {
+            ((piece.high - piece.low) * a.length().max(b.length()) / step).ceil().max(1.0)
+        }
+    };
+    let at = |k: usize| piece.curve.at(piece.low + (piece.high - piece.low) * k as f64 / count).to_array();
+    Some(SidecarEdge {
+        back: pair.back().0,
+        front: pair.front().0,
+        points: (0..=count as usize).map(at).collect(),
+    })
 }
 
 impl Sidecar {
@@ -78,6 +112,8 @@ impl Sidecar {
             noise_sigma: phantom.noise_sigma(),
             sigma_mm: phantom.sigma_mm(),
             junction_length_mm: truth.junction_length(),
+            sharp_edges: truth.edges().filter_map(|e| edge(e, phantom.geometry().voxel_edge())).collect(),
+            corners: truth.corners().iter().map(|c| c.to_array()).collect(),
         }
     }
 

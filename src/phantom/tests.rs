@@ -264,3 +264,78 @@ fn a_truth_file_restores_the_phantom_and_bad_options_are_refused_by_name() {
     assert!(refused(|o| o.size = [0; 3]).contains("size"));
     assert!(SceneName::from_name("ball").is_err());
 }
+
+#[test]
+fn sharp_edges_and_corners_are_those_of_the_solids() {
+    // Corners, length of sharp edges in units of the object's scale.
+    let expected = |scene: SceneName, corners: usize, length: f64, unit: f64| {
+        let phantom = phantom(scene, 64);
+        let truth = phantom.truth();
+        assert_eq!(truth.corners().len(), corners, "{scene:?}");
+        let scale = (truth.volume(MaterialId(1)).unwrap() / unit).cbrt();
+        assert!(
+            (truth.edge_length() / scale - length).abs() < 1e-6,
+            "{scene:?} {}",
+            truth.edge_length() / scale
+        );
+        let probes = points((DVec3::ZERO, 1.0), 200, 5);
+        for edge in truth.edges() {
+            let pair = edge.edge_pair().unwrap();
+            for (p, _) in edge.curve.samples(edge.low, edge.high, 2.0) {
+                assert!(truth.closest(pair, p).unwrap().distance < 1e-9);
+                let around = probes.iter().map(|d| truth.material_at(p + 1e-4 * *d));
+                assert!({ around }.all(|m| pair.contains(m)), "{scene:?}");
+            }
+        }
+    };
+    expected(SceneName::Cube, 8, 24.0, 8.0);
+    // The outer cube's corners, three where the ring of junctions passes over its edges, and the inner
+    // cube's: one inside, three on the faces.
+    expected(SceneName::FlushCubes, 8 + 3 + 1 + 3, 24.0 + 3.0 * 1.1, 8.0 - 1.1_f64.powi(3));
+    let flush = phantom(SceneName::FlushCubes, 64);
+    let truth = flush.truth();
+    let scale = (truth.volume(MaterialId(2)).unwrap()).cbrt() / 1.1;
+    assert!((truth.junction_length() / scale - 6.0 * 1.1).abs() < 1e-9);
+    assert!(phantom(SceneName::Sphere, 32).truth().corners().is_empty());
+    // Circles are edges without ends.
+    assert_eq!(phantom(SceneName::PressFitRing, 64).truth().corners().len(), 8);
+}
+
+#[test]
+fn a_box_on_voxel_boundaries_has_two_grey_values_only_with_and_without_area_sampling() {
+    let aligned = PhantomOptions {
+        scene: SceneName::Cube,
+        size: [24, 23, 16],
+        spacing: [0.5, 0.7, 1.1],
+        extent: Some([16.0, 15.0, 6.0]),
+        rotation: [0.0; 3],
+        shift: [0.0; 3],
+        sigma: 0.0,
+        noise: Noise::Grey(0.0),
+        ..PhantomOptions::default()
+    };
+    let values = |options: &PhantomOptions| {
+        let phantom = Phantom::new(options).unwrap();
+        let samples = phantom.rasterise(&Execution::default()).unwrap();
+        let [air, metal] = [0, 1].map(|k| phantom.materials().materials()[k].mean);
+        let all: Vec<f64> = (0..samples.len()).map(|i| f64::from(samples.get(i))).collect();
+        let count = |wanted: f64| all.iter().filter(|v| (**v - wanted).abs() < 0.5).count();
+        (count(air), count(metal), all.len())
+    };
+    let metal = 16 * 15 * 6;
+    let voxels = 24 * 23 * 16;
+    for binary in [false, true] {
+        let options = PhantomOptions { binary, sigma: if binary { 3.0 } else { 0.0 }, ..aligned.clone() };
+        assert_eq!(values(&options), (voxels - metal, metal, voxels), "{binary}");
+    }
+    // Turned, only a binary one has two grey values.
+    let turned = PhantomOptions { rotation: [7.0, 11.0, 4.0], extent: Some([12.0, 10.0, 4.0]), ..aligned };
+    let (air, metal, all) = values(&turned);
+    assert!(air + metal < all);
+    let (air, metal, all) = values(&PhantomOptions { binary: true, ..turned.clone() });
+    assert_eq!(air + metal, all);
+    let refused = |change: PhantomOptions| Phantom::new(&change).unwrap_err().to_string();
+    assert!(refused(PhantomOptions { extent: Some([30.0; 3]), ..turned.clone() }).contains("extent"));
+    assert!(refused(PhantomOptions { extent: Some([0.0; 3]), ..turned.clone() }).contains("extent"));
+    assert!(refused(PhantomOptions { scene: SceneName::Steps, ..turned }).contains("only cube"));
+}

@@ -62,6 +62,19 @@ impl CurvePiece {
         self.materials.len() >= 3
     }
 
+    /// The pair whose interface bends there, on a sharp edge.
+    #[must_use]
+    pub fn edge_pair(&self) -> Option<Pair> {
+        if self.is_junction() { None } else { self.touching.first().map(|t| t.0) }
+    }
+
+    /// Its ends, each with the direction in which it goes on from there; none on a whole turn.
+    fn ends(&self) -> Option<[(DVec3, DVec3); 2]> {
+        let is_closed = matches!(self.curve, Curve::Ellipse { .. }) && self.high - self.low > TAU - 1e-9;
+        let end = |t: f64, sign: f64| (self.curve.at(t), sign * self.curve.tangent(t).normalize());
+        (!is_closed).then(|| [end(self.low, 1.0), end(self.high, -1.0)])
+    }
+
     /// Whether the interface of this pair touches it.
     #[must_use]
     pub fn touches(&self, pair: Pair) -> bool {
@@ -84,6 +97,7 @@ pub struct Truth {
     topology: Vec<Topology>,
     pieces: Vec<CurvePiece>,
     points: Vec<DVec3>,
+    corners: Vec<DVec3>,
     pairs: Vec<Pair>,
 }
 
@@ -96,9 +110,18 @@ impl Truth {
         topology: Vec<Topology>,
     ) -> Result<Self, PhantomError> {
         let pieces = pieces(&scene, (ball.0, ball.1 * 1.01))?;
-        let mut truth =
-            Self { scene, ball, volumes, topology, pieces, points: Vec::new(), pairs: Vec::new() };
+        let mut truth = Self {
+            scene,
+            ball,
+            volumes,
+            topology,
+            pieces,
+            points: Vec::new(),
+            corners: Vec::new(),
+            pairs: Vec::new(),
+        };
         truth.points = truth.find_points();
+        truth.corners = corners(&truth.pieces, 1e-5 * ball.1);
         let step = 0.02 * ball.1;
         let mut pairs: Vec<Pair> = truth.all_samples(step).into_iter().map(|s| s.0).collect();
         pairs.sort_unstable();
@@ -215,6 +238,19 @@ impl Truth {
         self.pieces.iter().filter(|p| !p.is_junction())
     }
 
+    /// The corners: where sharp edges end. Other sharp edges start there in other directions, or junction curves
+    /// pass.
+    #[must_use]
+    pub fn corners(&self) -> &[DVec3] {
+        &self.corners
+    }
+
+    /// Length of all sharp edges together, mm.
+    #[must_use]
+    pub fn edge_length(&self) -> f64 {
+        self.edges().map(CurvePiece::length).sum()
+    }
+
     /// The closest point of any sharp edge and its distance in mm, if there are sharp edges.
     #[must_use]
     pub fn closest_edge(&self, q: DVec3) -> Option<(DVec3, f64)> {
@@ -306,6 +342,25 @@ impl Truth {
         }
         points
     }
+}
+
+/// The ends of sharp edges that do not run straight on as the same sharp edge; `eps` in mm.
+fn corners(pieces: &[CurvePiece], eps: f64) -> Vec<DVec3> {
+    let ends: Vec<(usize, DVec3, DVec3)> = (pieces.iter().enumerate())
+        .flat_map(|(i, piece)| piece.ends().into_iter().flatten().map(move |(at, on)| (i, at, on)))
+        .collect();
+    let mut out: Vec<DVec3> = Vec::new();
+    for &(i, at, on) in ends.iter().filter(|end| !pieces[end.0].is_junction()) {
+        let others: Vec<_> =
+            ends.iter().filter(|e| e.1.distance(at) < eps && (e.0, e.2) != (i, on)).collect();
+        // A surface that bounds nothing here cuts a curve in two.
+        let runs_on = matches!(others[..], [&(k, _, back)]
+            if back.dot(on) < -1.0 + 1e-9 && pieces[k].materials == pieces[i].materials);
+        if !runs_on && out.iter().all(|p| p.distance(at) > eps) {
+            out.push(at);
+        }
+    }
+    out
 }
 
 /// The closest point of a piece if it is nearer than `limit`.

@@ -19,6 +19,7 @@ mod render;
 mod result_folder;
 mod run_report;
 mod shade;
+mod sheet;
 mod shells;
 mod slice;
 mod view;
@@ -30,4 +31,5 @@ pub use result_folder::{ResultError, ResultWriter};
 pub use run_report::{
     CurveReport, InputReport, MaterialReport, NonManifoldReport, PairReport, RunReport, ThresholdReport,
 };
+pub use sheet::sheet;
 pub use slice::{SliceOptions, slice_picture};

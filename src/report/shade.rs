@@ -8,6 +8,9 @@ use super::colour::{BORDER, JUNCTION, OPEN, WHITE};
 use super::edges::EdgeMark;
 use crate::grid::MaterialId;
 
+/// Width of a wire in pixels, in a picture of 800: thinner than any marked edge, so that these stand out.
+const WIRE_WIDTH: f32 = 0.8;
+
 /// Colour of a line.
 pub(super) fn line_colour(mark: EdgeMark) -> Rgb {
     match mark {
@@ -56,6 +59,8 @@ pub(super) fn wire(corners: [[f32; 2]; 3], at: [usize; 2], per_pixel: usize, uni
         longest = longest.max(length);
     }
     // Wires of triangles of a few pixels would merge into one dark blot: fade them out.
-    let strength = 0.75 * ((longest / per_pixel as f32 - 1.0) / 7.0).clamp(0.0, 1.0);
-    if nearest < 0.5 * per_pixel as f32 * unit as f32 { strength } else { 0.0 }
+    let strength = 0.8 * ((longest / per_pixel as f32 - 1.0) / 7.0).clamp(0.0, 1.0);
+    // A sample's share of the line, of which each of the two triangles at an edge draws its half.
+    let half = (0.5 * WIRE_WIDTH * unit as f32).max(0.5) * per_pixel as f32;
+    strength * (half + 0.5 - nearest).clamp(0.0, 1.0)
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Lengths;
 use super::nearest::Segments;
+use super::sharp_edges::along;
 use super::statistics::{Distances, Sample};
 use crate::grid::MaterialId;
 use crate::mesh::InterfaceMesh;
@@ -79,13 +80,7 @@ pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) ->
     }
     let forward: Vec<Sample> = edges
         .par_iter()
-        .flat_map_iter(|&[p, q]| {
-            let (a, b) = (mesh.positions()[p as usize], mesh.positions()[q as usize]);
-            let count = ((b - a).length() / lengths.step).ceil().max(1.0);
-            let inside = (0..count as usize)
-                .map(move |k| (a.lerp(b, (k as f64 + 0.5) / count), (b - a).length() / count));
-            inside.chain([(a, 0.0), (b, 0.0)])
-        })
+        .flat_map_iter(|&[p, q]| along([p, q].map(|v| mesh.positions()[v as usize]), lengths.step))
         .filter_map(|(p, weight)| truth.closest_junction(p).map(|(_, signed)| Sample { signed, weight }))
         .collect();
     let backward: Vec<Sample> = Segments::new(mesh.positions(), edges).map_or_else(Vec::new, |segments| {

@@ -15,12 +15,16 @@
 //! apart; all points off the junctions are given together as well. Triangles of the volume's border (a
 //! pair with `OUTSIDE`) are left out.
 //!
+//! The true sharp edges are measured as curves, too: how far they are from the mesh's surface and from the
+//! edges of its triangles ([`EdgeComparison`]).
+//!
 //! Guaranteed: the same figures for any number of threads. Not covered: whether the mesh is closed or
 //! crosses itself; that is the mesh check's work.
 
 mod error_ply;
 mod junctions;
 mod nearest;
+mod sharp_edges;
 mod shells;
 mod statistics;
 mod surfaces;
@@ -31,6 +35,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use junctions::JunctionComparison;
+pub use sharp_edges::{CREASE, EdgeComparison};
 pub use shells::MaterialComparison;
 pub use statistics::{Distances, Figures};
 pub use surfaces::{DISTURBED, FalseTriangles, PairComparison, Split, Tally};
@@ -86,6 +91,9 @@ pub struct Comparison {
     pub pairs: Vec<PairComparison>,
     /// The junction curves, if the truth or the mesh has any.
     pub junctions: Option<JunctionComparison>,
+    /// The true sharp edges, by pair.
+    #[serde(default)]
+    pub edges: Vec<EdgeComparison>,
     /// Every material, by id.
     pub materials: Vec<MaterialComparison>,
     /// Triangles that belong nowhere.
@@ -117,6 +125,7 @@ pub fn compare(
     let surfaces = surfaces::compare(mesh, truth, &lengths, execution)?;
     let junctions = junctions::compare(mesh, truth, &lengths);
     execution.check()?;
+    let edges = sharp_edges::compare(mesh, truth, &lengths);
     let materials = shells::compare(mesh, phantom);
     Ok(Comparison {
         scene: phantom.options().scene.name().to_owned(),
@@ -124,6 +133,7 @@ pub fn compare(
         options: *options,
         pairs: surfaces.pairs,
         junctions,
+        edges,
         materials,
         false_triangles: surfaces.false_triangles,
         vertex_errors: surfaces.vertex_errors,

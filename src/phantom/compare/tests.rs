@@ -210,3 +210,55 @@ fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
         assert_eq!(found.false_triangles, FalseTriangles::default());
     }
 }
+
+/// A box, two triangles a side.
+fn cuboid(low: DVec3, high: DVec3) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let corner = |k: u32| {
+        let pick = |a: usize| if k >> a & 1 == 1 { high[a] } else { low[a] };
+        DVec3::new(pick(0), pick(1), pick(2))
+    };
+    let sides: [[u32; 4]; 6] =
+        [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let triangles = sides.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    ((0..8).map(corner).collect(), triangles)
+}
+
+#[test]
+fn a_box_has_sharp_edges_and_one_that_is_too_small_misses_them_by_the_diagonal() {
+    let options = PhantomOptions {
+        scene: SceneName::Cube,
+        size: [48; 3],
+        spacing: [0.5; 3],
+        extent: Some([30.0, 24.0, 20.0]),
+        rotation: [0.0; 3],
+        shift: [0.0; 3],
+        ..PhantomOptions::default()
+    };
+    let phantom = Phantom::new(&options).unwrap();
+    let (centre, half) = (phantom.truth().ball().0, 0.25 * DVec3::new(30.0, 24.0, 20.0));
+    for inset in [0.0, 0.2] {
+        let (positions, triangles) = cuboid(centre - half + inset, centre + half - inset);
+        let pairs = vec![pair(1, 0); triangles.len()];
+        let mesh = mesh_of(&phantom, positions, triangles, pairs);
+        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let [edges] = &found.edges[..] else { panic!("{:?}", found.edges) };
+        assert!((edges.truth_length - 8.0 * half.element_sum()).abs() < 1e-9);
+        assert!(
+            (edges.crease_length - (edges.truth_length - 24.0 * inset)).abs() < 1e-9,
+            "diagonals do not fold"
+        );
+        let diagonal = 2.0_f64.sqrt() * inset;
+        for distances in [edges.to_surface_clear, edges.to_mesh_edge_clear] {
+            let figures = distances.unwrap();
+            assert!((figures.mm.rms - diagonal).abs() < 1e-9 && (figures.mm.max - diagonal).abs() < 1e-9);
+            assert!((figures.voxels.p95 - 2.0 * diagonal).abs() < 1e-9);
+        }
+        let all = edges.to_surface.unwrap().measure;
+        assert!((all - edges.truth_length).abs() < 1e-9);
+        // Clear of eight corners by six voxels of half a millimetre each way.
+        assert!((edges.to_surface_clear.unwrap().measure - (all - 24.0 * 3.0)).abs() < 0.5 * 24.0);
+        let back = edges.crease_to_edge.unwrap().mm;
+        assert!((back.signed_mean - diagonal).abs() < 1e-9);
+        assert!((back.max - diagonal).abs() < 1e-9);
+    }
+}

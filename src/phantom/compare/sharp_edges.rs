@@ -1,0 +1,153 @@
+//! The true sharp edges against a mesh: does its surface reach them, do edges of its triangles run along them?
+//!
+//! *Edge to surface*: points along the true edges of a pair, each with its length, to the closest triangle of that
+//! pair. A rounded or bevelled edge is far from its surface. *Edge to mesh edge*: the same points to the closest
+//! edge of any such triangle: large triangles that cut across a true edge are seen by it, though their corners lie on
+//! the surface. *Crease to edge*: points on the mesh's creases (edges of two triangles of the pair that fold by
+//! more than [`CREASE`]) to the closest true edge of any pair; creases far from every true edge are noise or steps.
+//!
+//! The first two are given for all points, and for those *clear* of ends: farther than the clear distance from
+//! every corner and every junction curve, where blur moves more than one edge.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::Lengths;
+use super::nearest::{Segments, Triangles};
+use super::statistics::{Distances, Sample};
+use crate::grid::Pair;
+use crate::mesh::InterfaceMesh;
+use crate::phantom::Truth;
+
+/// Edges of a mesh that fold by more than this many degrees are creases: half of a right angle, so that neither
+/// a rounded edge (many small folds) nor noise counts as one.
+pub const CREASE: f64 = 45.0;
+
+/// The sharp edges of one pair. Distances have no sign; `None` where the mesh has nothing to measure.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EdgeComparison {
+    /// The material behind.
+    pub back: u8,
+    /// The material in front.
+    pub front: u8,
+    /// Length of the true edges, mm.
+    pub truth_length: f64,
+    /// Length of the mesh's creases, mm.
+    pub crease_length: f64,
+    /// From the true edges to the mesh's surface.
+    pub to_surface: Option<Distances>,
+    /// Of these, from points clear of corners and junctions.
+    pub to_surface_clear: Option<Distances>,
+    /// From the true edges to the edges of the mesh's triangles.
+    pub to_mesh_edge: Option<Distances>,
+    /// Of these, from points clear of corners and junctions.
+    pub to_mesh_edge_clear: Option<Distances>,
+    /// From the mesh's creases to the true edges.
+    pub crease_to_edge: Option<Distances>,
+}
+
+/// A point of a true edge.
+struct Point {
+    place: DVec3,
+    /// Length of edge it stands for, mm.
+    weight: f64,
+    clear: bool,
+}
+
+pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) -> Vec<EdgeComparison> {
+    let mut pairs: Vec<Pair> = truth.edges().filter_map(|e| e.edge_pair()).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs.into_iter().map(|pair| of_pair(mesh, truth, lengths, pair)).collect()
+}
+
+fn of_pair(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths, pair: Pair) -> EdgeComparison {
+    let all = mesh.triangles().iter().zip(mesh.pairs());
+    let own: Vec<[u32; 3]> = all.filter(|(_, p)| **p == pair).map(|(t, _)| *t).collect();
+    let points: Vec<Point> = truth
+        .edges()
+        .filter(|e| e.edge_pair() == Some(pair))
+        .flat_map(|e| e.curve.samples(e.low, e.high, lengths.step))
+        .map(|(place, weight)| Point { place, weight, clear: is_clear(truth, place, lengths.clear) })
+        .collect();
+    let sides = Sides::of(mesh, &own);
+    // All points, and those that are clear.
+    let measured = |distance: &(dyn Fn(DVec3) -> f64 + Sync)| {
+        let sample = |p: &Point| (p.clear, Sample { signed: distance(p.place), weight: p.weight });
+        let samples: Vec<(bool, Sample)> = points.par_iter().map(sample).collect();
+        [false, true].map(|only_clear| {
+            let kept = samples.iter().filter(|s| s.0 || !only_clear).map(|s| s.1);
+            Distances::of(kept, lengths.voxel)
+        })
+    };
+    let surface = Triangles::new(mesh.positions(), own.iter().copied());
+    let [to_surface, to_surface_clear] =
+        surface.map_or([None; 2], |s| measured(&|p| (s.closest(p).0 - p).length()));
+    let [to_mesh_edge, to_mesh_edge_clear] =
+        Segments::new(mesh.positions(), sides.all).map_or([None; 2], |s| measured(&|p| s.distance(p)));
+    let ends = |edge: &[u32; 2]| edge.map(|v| mesh.positions()[v as usize]);
+    let creases = sides.creases.par_iter().flat_map_iter(|edge| along(ends(edge), lengths.step));
+    let samples: Vec<Sample> = creases
+        .filter_map(|(p, weight)| truth.closest_edge(p).map(|(_, signed)| Sample { signed, weight }))
+        .collect();
+    EdgeComparison {
+        back: pair.back().0,
+        front: pair.front().0,
+        truth_length: points.iter().map(|p| p.weight).sum(),
+        crease_length: sides.creases.iter().map(|e| ends(e)[0].distance(ends(e)[1])).sum(),
+        to_surface,
+        to_surface_clear,
+        to_mesh_edge,
+        to_mesh_edge_clear,
+        crease_to_edge: Distances::of(samples.into_iter(), lengths.voxel),
+    }
+}
+
+fn is_clear(truth: &Truth, p: DVec3, clear: f64) -> bool {
+    truth.closest_junction(p).is_none_or(|j| j.1 > clear)
+        && truth.corners().iter().all(|c| c.distance(p) > clear)
+}
+
+/// Points along a segment, at most `step` apart, each with the length it stands for, and its ends with none.
+pub(super) fn along([a, b]: [DVec3; 2], step: f64) -> impl Iterator<Item = (DVec3, f64)> {
+    let length = (b - a).length();
+    let count = (length / step).ceil().max(1.0);
+    let inside = (0..count as usize).map(move |k| (a.lerp(b, (k as f64 + 0.5) / count), length / count));
+    inside.chain([(a, 0.0), (b, 0.0)])
+}
+
+/// The edges of a pair's triangles.
+struct Sides {
+    all: Vec<[u32; 2]>,
+    /// Those of exactly two triangles of the pair that fold by more than [`CREASE`].
+    creases: Vec<[u32; 2]>,
+}
+
+impl Sides {
+    fn of(mesh: &InterfaceMesh, own: &[[u32; 3]]) -> Self {
+        let mut sides: Vec<([u32; 2], u32)> = own
+            .iter()
+            .zip(0..)
+            .flat_map(|([a, b, c], t)| [[*a, *b], [*b, *c], [*c, *a]].map(|[p, q]| ([p.min(q), p.max(q)], t)))
+            .collect();
+        sides.par_sort_unstable();
+        let normal = |t: u32| {
+            let [a, b, c] = own[t as usize].map(|v| mesh.positions()[v as usize]);
+            (b - a).cross(c - a).normalize_or_zero()
+        };
+        let least = libm::cos(CREASE.to_radians());
+        let mut out = Self { all: Vec::new(), creases: Vec::new() };
+        for around in sides.chunk_by(|a, b| a.0 == b.0) {
+            out.all.push(around[0].0);
+            if let [(edge, t), (_, u)] = *around {
+                let (n, m) = (normal(t), normal(u));
+                // A triangle without area has no direction to fold from.
+                if n != DVec3::ZERO && m != DVec3::ZERO && n.dot(m) < least {
+                    out.creases.push(edge);
+                }
+            }
+        }
+        out
+    }
+}
