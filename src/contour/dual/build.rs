@@ -136,10 +136,10 @@ impl Builder {
     ///
     /// # Errors
     /// [`ContourError::TooManyVertices`], [`ContourError::Cancelled`].
-    pub fn add<H: HermiteRule>(
+    pub fn add(
         &mut self,
         labels: &LabelVolume,
-        rule: &H,
+        rule: &dyn HermiteRule,
         layers: Range<usize>,
         execution: &Execution,
         stage: &Stage<'_>,
@@ -163,10 +163,10 @@ impl Builder {
     }
 
     /// Finds the cells and crossings of some layers.
-    fn find<H: HermiteRule>(
+    fn find(
         &self,
         labels: &LabelVolume,
-        rule: &H,
+        rule: &dyn HermiteRule,
         layers: Range<usize>,
         execution: &Execution,
         stage: &Stage<'_>,
@@ -300,12 +300,7 @@ fn is_needed([a, b]: [MaterialId; 2]) -> bool {
 }
 
 /// Hermite data of a crossing; at the border it lies across the edge.
-fn crossing<H: HermiteRule>(
-    rule: &H,
-    from: [usize; 3],
-    axis: usize,
-    labels: [MaterialId; 2],
-) -> FoundCrossing {
+fn crossing(rule: &dyn HermiteRule, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> FoundCrossing {
     let hermite = if labels.contains(&MaterialId::OUTSIDE) {
         Hermite { position: 0.5, normal: Vec3::AXES[axis], weight: 1.0 }
     } else {

@@ -35,15 +35,15 @@ impl Reach {
 }
 
 /// Finds crossings of one pair.
-pub(super) struct Finder<'a, C> {
+pub(super) struct Finder<'a> {
     pub(super) labels: &'a LabelVolume,
-    pub(super) crossings: &'a C,
+    pub(super) crossings: &'a dyn CrossingRule,
     pub(super) reach: Reach,
     /// Square of the standard deviation of known crossings.
     pub(super) variance: f32,
 }
 
-impl<C: CrossingRule> Finder<'_, C> {
+impl Finder<'_> {
     /// The crossing in the column `by` steps along `across` from that of `edge`, which is the nearest that can
     /// be reached without leaving the two materials; at most `most` levels away.
     pub(super) fn beside(&self, edge: &Edge, steps: [(usize, i32); 2], most: usize) -> Option<Edge> {

@@ -8,7 +8,6 @@ use glam::Vec3;
 
 use super::columns::{Edge, Finder, Window};
 use super::plane::Demand;
-use crate::contour::crossing::CrossingRule;
 use crate::grid::cube::other_axes;
 
 /// Above this slope (levels per column) the interface is looked at along the axis in which it climbs.
@@ -24,12 +23,7 @@ pub(super) struct Side {
 }
 
 /// The plane on this side of any edge.
-pub(super) fn plane<C: CrossingRule>(
-    finder: &Finder<'_, C>,
-    edge: &Edge,
-    reach: usize,
-    demand: Demand,
-) -> Option<Side> {
+pub(super) fn plane(finder: &Finder<'_>, edge: &Edge, reach: usize, demand: Demand) -> Option<Side> {
     let steep = steep_axes(finder, edge).into_iter().flatten();
     // Of two axes that are both too steep to follow, the one along which the interface is nearer.
     let found =
@@ -41,8 +35,8 @@ pub(super) fn plane<C: CrossingRule>(
 }
 
 /// By columns along another axis.
-fn turned<C: CrossingRule>(
-    finder: &Finder<'_, C>,
+fn turned(
+    finder: &Finder<'_>,
     edge: &Edge,
     &Nearest { edge: ref middle, sign, .. }: &Nearest,
     reach: usize,
@@ -71,7 +65,7 @@ fn side(window: &Window, demand: Demand, edge: &Edge, sign: f32) -> Option<Side>
 
 /// The axes in which the interface climbs more steeply than [`STEEP`] on both sides of the edge: the steeper
 /// one, or both if neither can be followed.
-fn steep_axes<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge) -> [Option<usize>; 2] {
+fn steep_axes(finder: &Finder<'_>, edge: &Edge) -> [Option<usize>; 2] {
     let here = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let rise = |axis: usize| {
         let to = |by: i32| {
@@ -99,7 +93,7 @@ struct Nearest {
 }
 
 /// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends.
-fn nearest<C: CrossingRule>(finder: &Finder<'_, C>, edge: &Edge, axis: usize) -> Option<Nearest> {
+fn nearest(finder: &Finder<'_>, edge: &Edge, axis: usize) -> Option<Nearest> {
     let t = finder.column(edge, edge.from[edge.axis], [0.0; 2]).height;
     let mut best: Option<Nearest> = None;
     for (sign, labels) in [(1.0, edge.labels), (-1.0, [edge.labels[1], edge.labels[0]])] {

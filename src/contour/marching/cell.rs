@@ -39,7 +39,12 @@ impl Cell {
     }
 
     /// The table's entry for a cell with the corner partition `partition`.
-    pub(super) fn entry<C: CrossingRule>(&self, table: &PatternTable, rule: &C, partition: usize) -> usize {
+    pub(super) fn entry<C: CrossingRule + ?Sized>(
+        &self,
+        table: &PatternTable,
+        rule: &C,
+        partition: usize,
+    ) -> usize {
         let faces = table.ambiguous_faces(partition);
         let mut join_first = 0;
         for f in (0..FACES).filter(|f| faces >> f & 1 == 1) {

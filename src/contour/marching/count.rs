@@ -49,7 +49,7 @@ impl LayerCount {
 /// The table's entry for a cell, and whether it has just two materials (all its triangles are needed
 /// then, or it would not be active).
 #[inline(always)]
-pub(super) fn entry<C: CrossingRule>(
+pub(super) fn entry<C: CrossingRule + ?Sized>(
     labels: &LabelVolume,
     rule: &C,
     table: &PatternTable,
@@ -65,7 +65,7 @@ pub(super) fn entry<C: CrossingRule>(
 
 /// The table's entry for a cell with more materials or an ambiguous face.
 #[inline(never)]
-fn rare_entry<C: CrossingRule>(
+fn rare_entry<C: CrossingRule + ?Sized>(
     labels: &LabelVolume,
     rule: &C,
     table: &PatternTable,

@@ -125,7 +125,7 @@ impl Layer<'_> {
 
     /// Calls `visit` with x, y, corners and the table's entry of each cell that has a crossing, row by row.
     #[inline]
-    pub(in crate::contour) fn visit<C: CrossingRule>(
+    pub(in crate::contour) fn visit<C: CrossingRule + ?Sized>(
         &self,
         labels: &LabelVolume,
         rule: &C,
