@@ -7,7 +7,6 @@ use interfacet::contour::marching::march;
 use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, CrossingRule, Midpoints, Patch};
 use interfacet::execution::Execution;
-use interfacet::grid::MaterialId;
 use proptest::prelude::*;
 use sound::assert_sound;
 use wild::{Wild, lumps, mix};
