@@ -1,7 +1,7 @@
 //! Adaptive dual contouring without defects: all corner patterns, random label blocks with random Hermite
 //! data, any collapses that the topology allows.
 
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests; counts, with --nocapture
 
 use glam::Vec3;
 use interfacet::classify::LabelVolume;

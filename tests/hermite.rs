@@ -1,6 +1,7 @@
 //! Normals of crossings on phantoms with exact geometry.
 
 #![allow(clippy::unwrap_used, clippy::float_cmp)] // tests; some normals and weights are exact
+#![allow(clippy::print_stdout)] // figures, where they are asked for
 
 mod normals;
 
