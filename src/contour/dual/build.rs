@@ -136,6 +136,9 @@ impl Builder {
     ///
     /// # Errors
     /// [`ContourError::TooManyVertices`], [`ContourError::Cancelled`].
+    ///
+    /// # Panics
+    /// If the layers do not follow those added before.
     pub fn add(
         &mut self,
         labels: &LabelVolume,
@@ -153,7 +156,7 @@ impl Builder {
                 .map(|run| self.find(labels, rule, run, execution, stage))
                 .collect::<Result<_, _>>()?;
             self.waiting.extend(found.into_iter().flatten());
-            if end % SIDE == 0 || end == self.leaves.grid.cells[2] {
+            if end.is_multiple_of(SIDE) || end == self.leaves.grid.cells[2] {
                 self.put_together(end.div_ceil(SIDE) - 1)?;
             }
             start = end;

@@ -95,6 +95,15 @@ pub struct Collapses {
 }
 
 impl Collapses {
+    fn refused(&mut self, refusal: Refusal) {
+        *(match refusal {
+            Refusal::Disc => &mut self.disc,
+            Refusal::Face => &mut self.face,
+            Refusal::Edge => &mut self.edge,
+            Refusal::Neighbour => &mut self.neighbour,
+        }) += 1;
+    }
+
     pub(super) fn merge(&mut self, other: &Self) {
         self.made += other.made;
         self.error += other.error;
@@ -129,36 +138,23 @@ struct Part {
 
 /// Collapses a root.
 pub(super) fn collapse(leaves: &Leaves, root: &Root, bound: Bound, placement: Placement) -> Tree {
-    let mut tree = Tree { parents: vec![NONE; root.leaves.len()], ..Tree::default() };
+    let tree = Tree { parents: vec![NONE; root.leaves.len()], ..Tree::default() };
     if bound == Bound::None {
         return tree;
     }
     let mut parts = parts_of(leaves, root);
-    let mut clusters = Clusters::default();
+    let (clusters, members) = (Clusters::default(), Vec::new());
+    let mut collapser = Collapser { leaves, root, bound, placement, clusters, members, tree };
     for level in 1..=LEVELS {
-        let mut next = Vec::new();
         let shift = 3 * u32::from(level);
-        let mut start = 0;
-        while start < parts.len() {
-            let low = parts[start].low >> shift;
-            let count = parts[start..].iter().take_while(|p| p.low >> shift == low).count();
-            let group = &parts[start..start + count];
-            start += count;
-            let block = Block { low: low << shift, level };
-            collapse_block(
-                leaves,
-                root.number,
-                block,
-                group,
-                (bound, placement),
-                &mut clusters,
-                &mut tree,
-                &mut next,
-            );
+        let mut next = Vec::new();
+        for group in parts.chunk_by(|a, b| a.low >> shift == b.low >> shift) {
+            let block = Block { low: group[0].low >> shift << shift, level };
+            collapser.collapse_block(block, group, &mut next);
         }
         parts = next;
     }
-    tree
+    collapser.tree
 }
 
 /// The simple leaves of a root, in order of their cells.
@@ -186,70 +182,75 @@ fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
     parts
 }
 
-/// Groups the parts in a block and makes nodes of the clusters that pass.
-fn collapse_block(
-    leaves: &Leaves,
-    number_of_root: usize,
-    block: Block,
-    group: &[Part],
-    (bound, placement): (Bound, Placement),
-    clusters: &mut Clusters,
-    tree: &mut Tree,
-    next: &mut Vec<Part>,
-) {
-    let child_of = |part: &Part| (part.low >> (3 * (u32::from(block.level) - 1)) & 7) as u8;
-    clusters.set(group.iter().map(|p| Outline { child: child_of(p), crossings: p.crossings }));
-    let bounds = block.bounds(&leaves.grid);
-    for cluster in 0..clusters.len() {
-        if clusters.cluster(cluster) != cluster {
-            continue;
-        }
-        let mut qef = Qef::default();
-        let mut sides = 0u8;
-        for i in cluster..group.len() {
-            if clusters.cluster(i) == cluster {
-                qef.merge(&group[i].qef);
-                sides |= group[i].sides;
+/// Collapses the blocks of a root.
+struct Collapser<'a> {
+    leaves: &'a Leaves,
+    root: &'a Root,
+    bound: Bound,
+    placement: Placement,
+    clusters: Clusters,
+    /// The parts of the cluster at hand.
+    members: Vec<usize>,
+    tree: Tree,
+}
+
+impl Collapser<'_> {
+    /// Groups the parts in a block and makes nodes of the clusters that pass.
+    fn collapse_block(&mut self, block: Block, group: &[Part], next: &mut Vec<Part>) {
+        let child_of = |part: &Part| (part.low >> (3 * (u32::from(block.level) - 1)) & 7) as u8;
+        self.clusters.set(group.iter().map(|p| Outline { child: child_of(p), crossings: p.crossings }));
+        for cluster in 0..group.len() {
+            if self.clusters.cluster(cluster) != cluster {
+                continue;
+            }
+            let Self { clusters, members, .. } = self;
+            members.clear();
+            members.extend((cluster..group.len()).filter(|&i| clusters.cluster(i) == cluster));
+            if let Some(part) = self.make_node(block, cluster, group) {
+                next.push(part);
             }
         }
-        // Both bits of an axis.
-        let opposite = sides & sides >> 1 & 0b01_01_01 != 0;
-        if opposite {
-            tree.collapses.border += 1;
-            continue;
+    }
+
+    /// Makes a node of the members if they pass.
+    fn make_node(&mut self, block: Block, cluster: usize, group: &[Part]) -> Option<Part> {
+        let Self { leaves, root, bound, placement, clusters, members, tree } = self;
+        let mut qef = Qef::default();
+        let mut sides = 0u8;
+        for &i in &*members {
+            qef.merge(&group[i].qef);
+            sides |= group[i].sides;
         }
-        let position =
-            placement.vertex(&qef, &Place { bounds, fixed: leaves.grid.fixed(number_of_root, sides) });
+        // Both bits of an axis.
+        if sides & sides >> 1 & 0b01_01_01 != 0 {
+            tree.collapses.border += 1;
+            return None;
+        }
+        let (bounds, fixed) = (block.bounds(&leaves.grid), leaves.grid.fixed(root.number, sides));
+        let position = placement.vertex(&qef, &Place { bounds, fixed });
         if !bound.admits(qef.error(position), qef.count()) {
             tree.collapses.error += 1;
-            continue;
+            return None;
         }
         let labels = |crossing: u32| leaves.crossings[crossing as usize].labels;
         let crossings = match clusters.test(cluster, labels) {
             Ok(crossings) => crossings,
             Err(refusal) => {
-                *(match refusal {
-                    Refusal::Disc => &mut tree.collapses.disc,
-                    Refusal::Face => &mut tree.collapses.face,
-                    Refusal::Edge => &mut tree.collapses.edge,
-                    Refusal::Neighbour => &mut tree.collapses.neighbour,
-                }) += 1;
-                continue;
+                tree.collapses.refused(refusal);
+                return None;
             }
         };
         tree.collapses.made += 1;
         let number = tree.nodes.len() as u32;
-        for i in cluster..group.len() {
-            if clusters.cluster(i) == cluster {
-                let child = group[i].number as usize;
-                if block.level == 1 {
-                    tree.parents[child] = number;
-                } else {
-                    tree.nodes[child].parent = number;
-                }
+        for &i in &*members {
+            let child = group[i].number as usize;
+            if block.level == 1 {
+                tree.parents[child] = number;
+            } else {
+                tree.nodes[child].parent = number;
             }
         }
         tree.nodes.push(Node { block, parent: NONE, position: position.as_vec3() });
-        next.push(Part { low: block.low, crossings, qef, sides, number });
+        Some(Part { low: block.low, crossings, qef, sides, number })
     }
 }

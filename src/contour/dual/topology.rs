@@ -150,11 +150,6 @@ impl Clusters {
         }
     }
 
-    /// Number of parts.
-    pub(super) fn len(&self) -> usize {
-        self.outlines.len()
-    }
-
     /// The lowest part of a part's cluster.
     pub(super) fn cluster(&mut self, part: usize) -> usize {
         usize::from(find(&mut self.links, part as u16))
@@ -246,10 +241,9 @@ impl Clusters {
             for (child, &p) in slot.parts.iter().enumerate().filter(|(_, p)| **p != NO_PART) {
                 // Of the child's edges along the axis, the one at this place.
                 let axis = usize::from(slot.place) / 18;
-                for e in 4 * axis..4 * axis + 4 {
-                    if PLACE[child][e] == slot.place {
-                        edge_faces(e).into_iter().for_each(|f| self.faces[usize::from(p)][f] |= slot.sets);
-                    }
+                let edges = (4 * axis..4 * axis + 4).filter(|&e| PLACE[child][e] == slot.place);
+                for f in edges.flat_map(edge_faces) {
+                    self.faces[usize::from(p)][f] |= slot.sets;
                 }
             }
         }
