@@ -12,10 +12,12 @@
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use interfacet::grid::VoxelBox;
 use interfacet::phantom::{Phantom, PhantomOptions, SceneName};
 use interfacet::pipeline::{DualMethod, Method, Tolerance};
-use interfacet::report::{Cut, Picture, RenderOptions, render, sheet};
+use interfacet::report::{Picture, RenderOptions, render, sheet};
 use interfacet::volume::{OpenOptions, RegionOfInterest, open};
 use interfacet::{Execution, MemorySource, PipelineOptions, VolumeSource, extract};
 
@@ -31,6 +33,8 @@ struct Args {
 
 /// Voxels; the first is negative, which means no simplification.
 const TOLERANCES: [f64; 4] = [-1.0, 0.1, 0.2, 0.5];
+/// Steps between the tones of a picture that is saved.
+const TONES: u8 = 8;
 /// Slices of the engine that are used.
 const ENGINE_SLICES: usize = 100;
 
@@ -56,8 +60,8 @@ fn main() -> anyhow::Result<()> {
 /// One of four pictures.
 fn tile() -> RenderOptions {
     RenderOptions {
-        width: 640,
-        height: 480,
+        width: 440,
+        height: 400,
         wireframe: true,
         legend: false,
         supersampling: 3,
@@ -75,15 +79,26 @@ fn four(volume: &dyn VolumeSource, view: &RenderOptions, path: &Path) -> anyhow:
         let options = PipelineOptions { method, ..PipelineOptions::default() };
         let mesh = extract(volume, &options, &execution)?.mesh;
         let count = mesh.triangles().len();
-        let name = if tolerance < 0.0 {
-            "not simplified".to_owned()
-        } else {
-            format!("tolerance {tolerance} voxel")
-        };
+        let name = if tolerance < 0.0 { "not simplified".to_owned() } else { format!("{tolerance} voxel") };
         let caption = format!("{name}: {count} triangles");
         println!("{}: {caption}", path.display());
         tiles.push((render(&mesh, view)?, caption));
     }
-    sheet(&tiles, 2)?.save_png(path)?;
-    Ok(())
+    save_small(&sheet(&tiles, 2)?, path)
+}
+
+/// Writes a PNG of few tones: thin lines over shading hardly compress otherwise, and a README should load fast.
+fn save_small(picture: &Picture, path: &Path) -> anyhow::Result<()> {
+    let tone = |v: u8| v.saturating_add(TONES / 2) / TONES * TONES;
+    let white = |v: u8| if v >= 255 - TONES / 2 { 255 } else { tone(v) };
+    let rgb: Vec<u8> = picture.rgba().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).map(white).collect();
+    let mut smallest: Option<Vec<u8>> = None;
+    for filter in [FilterType::NoFilter, FilterType::Adaptive] {
+        let mut bytes = Vec::new();
+        let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, filter);
+        let [width, height] = [picture.width(), picture.height()].map(|n| n as u32);
+        encoder.write_image(&rgb, width, height, ExtendedColorType::Rgb8)?;
+        smallest = smallest.filter(|s| s.len() <= bytes.len()).or(Some(bytes));
+    }
+    Ok(std::fs::write(path, smallest.unwrap_or_default())?)
 }

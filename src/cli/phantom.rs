@@ -59,7 +59,7 @@ Examples:
   interfacet phantom press-fit-ring --out part.mha
       writes part.mha, and the exact geometry to part.phantom.json
   interfacet phantom thin-plate --thickness 2.5 --size 128 --noise 3 --out plate.mha
-  interfacet phantom cube --extent 128,128,46 --size 144,144,64 --rotate 0,0,0 --shift 0,0,0 --binary --out cube.mha
+  interfacet phantom cube --extent 40,40,20 --rotate 0,0,0 --shift 0,0,0 --binary --out cube.mha
       a box whose faces lie on voxel boundaries, of two grey values only
   interfacet phantom --list
 ";

@@ -18,7 +18,7 @@ pub fn sheet(tiles: &[(Picture, String)], columns: usize) -> Result<Picture, Pic
         return Err(PictureError::Size { width, height, limit: Picture::MAX_SIDE });
     }
     let columns = columns.clamp(1, tiles.len().max(1));
-    let scale = (first.1 / 300).clamp(1, 6);
+    let scale = (first.1 / 200).clamp(1, 6);
     // The caption, and twice its height of white around it.
     let pitch = first.1 + 3 * font::HEIGHT * scale;
     let (width, height) = (columns * first.0, tiles.len().div_ceil(columns) * pitch);

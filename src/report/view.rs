@@ -237,7 +237,8 @@ impl<'a> View<'a> {
     /// Colour of a triangle of this tone at a sample.
     fn colour(&self, mut tone: Rgb, pair: Pair, corners: [Corner; 3], at: [usize; 2]) -> Rgb {
         let (samples, unit) = (self.options.supersampling, unit(self.options));
-        if pair.front() == MaterialId::OUTSIDE {
+        // Hatching under wires would hide them.
+        if pair.front() == MaterialId::OUTSIDE && !self.options.wireframe {
             tone = hatched(tone, pair.back(), at, samples, unit);
         }
         if self.options.wireframe {
