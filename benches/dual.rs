@@ -43,7 +43,6 @@ fn measure(size: [usize; 3], runs: usize) -> Result<(), Box<dyn Error>> {
     let mut stages: Vec<(String, Vec<f64>)> = Vec::new();
     let mut last = None;
     for _ in 0..runs {
-        last = None;
         let (laps, outcome) = scene.run()?;
         marching.push(laps[5]);
         together.push(laps[6]);
