@@ -3,10 +3,11 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests; counts, with --nocapture
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use interfacet::classify::LabelVolume;
 use interfacet::contour::CrossingRule;
 use interfacet::contour::dual::{Bound, Builder, DualOptions, DualSurface, Placement};
+use interfacet::contour::hermite::LabelHermite;
 use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, Hermite, HermiteRule, Patch};
 use interfacet::execution::Execution;
@@ -195,4 +196,40 @@ fn smooth_bodies_keep_their_topology_across_roots() {
     println!("{triangles:?}");
     // Random normals allow few collapses by error; the topology alone allows most.
     assert!(triangles[3] * 4 < triangles[0], "{triangles:?}");
+}
+
+/// Volume enclosed by material 1, mm³.
+fn volume(surface: &DualSurface) -> f64 {
+    let at = |v: u32| surface.positions[v as usize];
+    surface.triangles.iter().map(|t| at(t[0]).dot(at(t[1]).cross(at(t[2]))) / 6.0).sum()
+}
+
+#[test]
+fn a_binary_box_keeps_its_edges_and_corners_wherever_blocks_cut_it() {
+    let size = [70, 66, 40];
+    let geometry = Geometry::axis_aligned(size, [1.0; 3]).unwrap();
+    // Regression: with many planes of one face and few of the next in a block, the edge was taken for noise.
+    for low in [4usize, 9, 15, 18, 21, 30] {
+        let high = [62, 60, 36];
+        let labels: Vec<u8> = (0..size.iter().product::<usize>())
+            .map(|i| {
+                let at = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
+                u8::from((0..3).all(|a| (low..high[a]).contains(&at[a])))
+            })
+            .collect();
+        let (labels, _) = LabelVolume::from_labels(&labels, size).unwrap();
+        let rule = LabelHermite::new(&labels, [1.0; 3]);
+        let exact: f64 = high.iter().map(|h| (h - low) as f64).product();
+        for bound in [Bound::None, Bound::Rms(0.1), Bound::Rms(0.2), Bound::Rms(0.4)] {
+            let surface = contour(&labels, &geometry, &rule, bound, Border::Closed);
+            let off = (volume(&surface) - exact).abs() / exact;
+            assert!(off < 1e-4, "{low} {bound:?}: volume off by {off}");
+            for corner in 0..8 {
+                let to = [0, 1, 2].map(|a| if corner >> a & 1 == 0 { low } else { high[a] } as f64 - 0.5);
+                let to = DVec3::from(to);
+                let nearest = surface.positions.iter().map(|p| p.distance(to)).fold(f64::INFINITY, f64::min);
+                assert!(nearest < 0.01, "{low} {bound:?}: corner {to} missed by {nearest}");
+            }
+        }
+    }
 }

@@ -8,7 +8,10 @@ use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
 
 /// Eigenvalues under this part of the largest are left out: what is flat within noise stays flat.
-pub(super) const CUTOFF: f64 = 0.1;
+const CUTOFF: f64 = 0.1;
+/// But none over this one: a few planes across a large face are an edge, however many lie in the face. The
+/// sum of squares that one plane across gives; noise of a tenth of a voxel then moves the vertex by as much.
+const CERTAIN: f64 = 1.0;
 
 /// Planes of crossings, added up.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -162,7 +165,7 @@ impl Eigen {
 
     /// Eigenvalues up to this one are small.
     fn least(&self) -> f64 {
-        CUTOFF * self.values.iter().fold(0.0, |m: f64, v| m.max(*v))
+        (CUTOFF * self.values.iter().fold(0.0, |m: f64, v| m.max(*v))).min(CERTAIN)
     }
 
     /// The part of `d` along eigenvectors of small eigenvalues.
@@ -222,6 +225,19 @@ mod tests {
             prop_assert_eq!(x, place.clamp(x));
             prop_assert!(qef.error(x) <= qef.error(place.clamp(qef.mass_point())) * (1.0 + 1e-9) + 1e-9);
         }
+    }
+
+    #[test]
+    fn an_edge_is_found_however_large_one_of_its_faces() {
+        let mut qef = Qef::default();
+        for i in 0..400 {
+            qef.add(DVec3::new(f64::from(i % 20), f64::from(i / 20), 2.0), DVec3::Z, 1.0);
+        }
+        for i in 0..20 {
+            qef.add(DVec3::new(19.5, f64::from(i), 1.0), DVec3::X, 1.0);
+        }
+        let x = minimiser(&qef);
+        assert!((x.x - 19.5).abs() < 1e-9 && (x.z - 2.0).abs() < 1e-9, "{x}");
     }
 
     #[test]
