@@ -11,6 +11,7 @@
 
 mod catalogue;
 pub mod compare;
+mod corners;
 mod curve;
 mod noise;
 mod options;

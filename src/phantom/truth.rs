@@ -13,6 +13,7 @@ use glam::DVec3;
 
 use super::PhantomError;
 use super::catalogue::Topology;
+use super::corners::corners;
 use super::curve::{Curve, crossing};
 use super::scene::Scene;
 use super::surface::Surface;
@@ -66,13 +67,6 @@ impl CurvePiece {
     #[must_use]
     pub fn edge_pair(&self) -> Option<Pair> {
         if self.is_junction() { None } else { self.touching.first().map(|t| t.0) }
-    }
-
-    /// Its ends, each with the direction in which it goes on from there; none on a whole turn.
-    fn ends(&self) -> Option<[(DVec3, DVec3); 2]> {
-        let is_closed = matches!(self.curve, Curve::Ellipse { .. }) && self.high - self.low > TAU - 1e-9;
-        let end = |t: f64, sign: f64| (self.curve.at(t), sign * self.curve.tangent(t).normalize());
-        (!is_closed).then(|| [end(self.low, 1.0), end(self.high, -1.0)])
     }
 
     /// Whether the interface of this pair touches it.
@@ -342,25 +336,6 @@ impl Truth {
         }
         points
     }
-}
-
-/// The ends of sharp edges that do not run straight on as the same sharp edge; `eps` in mm.
-fn corners(pieces: &[CurvePiece], eps: f64) -> Vec<DVec3> {
-    let ends: Vec<(usize, DVec3, DVec3)> = (pieces.iter().enumerate())
-        .flat_map(|(i, piece)| piece.ends().into_iter().flatten().map(move |(at, on)| (i, at, on)))
-        .collect();
-    let mut out: Vec<DVec3> = Vec::new();
-    for &(i, at, on) in ends.iter().filter(|end| !pieces[end.0].is_junction()) {
-        let others: Vec<_> =
-            ends.iter().filter(|e| e.1.distance(at) < eps && (e.0, e.2) != (i, on)).collect();
-        // A surface that bounds nothing here cuts a curve in two.
-        let runs_on = matches!(others[..], [&(k, _, back)]
-            if back.dot(on) < -1.0 + 1e-9 && pieces[k].materials == pieces[i].materials);
-        if !runs_on && out.iter().all(|p| p.distance(at) > eps) {
-            out.push(at);
-        }
-    }
-    out
 }
 
 /// The closest point of a piece if it is nearer than `limit`.
