@@ -162,6 +162,7 @@ mod tests {
             simple += usize::from(cell.leaves.iter().all(|l| l.simple));
             most = most.max(cell.leaves.len());
         }
-        assert_eq!((simple, most), (0, 0));
+        // At most four caps beside a main leaf; a third of the entries, and nearly all cells of a scan, are simple.
+        assert_eq!((simple, most), (1738, 5));
     }
 }
