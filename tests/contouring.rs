@@ -4,12 +4,11 @@
 
 use interfacet::classify::LabelVolume;
 use interfacet::contour::marching::march;
-use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, CrossingRule, Midpoints, Patch};
 use interfacet::execution::Execution;
 use proptest::prelude::*;
 use sound::assert_sound;
-use wild::{Wild, lumps, mix};
+use wild::{Wild, for_all_patterns, lumps, mix};
 
 mod sound;
 mod wild;
@@ -21,37 +20,10 @@ fn extract(labels: &[u8], size: [usize; 3], rule: &impl CrossingRule, border: Bo
 
 #[test]
 fn all_patterns_with_all_face_bits_are_sound_in_any_neighbourhood() {
-    let table = PatternTable::get();
-    let size = [4usize; 3];
-    for partition in 0..PARTITIONS {
-        let classes = *table.partitions().classes(partition);
-        let ambiguous = table.ambiguous_faces(partition);
-        for bits in (0..64u8).filter(|b| b & !ambiguous == 0) {
-            // Two neighbourhoods: one material around, and a random mix of the pattern's classes.
-            for seed in 0..2u64 {
-                let mut labels = [9u8; 64];
-                for (i, label) in labels.iter_mut().enumerate() {
-                    let [x, y, z] = [i % 4, i / 4 % 4, i / 16];
-                    let inner = [x, y, z].iter().all(|c| (1..3).contains(c));
-                    *label = if inner {
-                        1 + classes[(x - 1) | (y - 1) << 1 | (z - 1) << 2]
-                    } else if seed == 0 {
-                        0
-                    } else {
-                        (mix(partition as u64 + 64 * u64::from(bits), &[x, y, z]) % 9) as u8
-                    };
-                }
-                if labels.iter().all(|&l| l == labels[0]) {
-                    continue;
-                }
-                let rule = Wild { seed: partition as u64, cell: [2; 3], bits };
-                let (patch, n) = extract(&labels, size, &rule, Border::Closed);
-                assert_sound(&patch, n, Border::Closed, &|| {
-                    format!("partition {partition} bits {bits} seed {seed}")
-                });
-            }
-        }
-    }
+    for_all_patterns(|labels, rule, what| {
+        let (patch, n) = extract(labels, [4; 3], rule, Border::Closed);
+        assert_sound(&patch, n, Border::Closed, &|| what.to_owned());
+    });
 }
 
 #[test]

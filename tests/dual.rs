@@ -8,14 +8,13 @@ use interfacet::classify::LabelVolume;
 use interfacet::contour::CrossingRule;
 use interfacet::contour::dual::{Bound, Builder, DualOptions, DualSurface, Placement};
 use interfacet::contour::hermite::LabelHermite;
-use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, Hermite, HermiteRule, Patch};
 use interfacet::execution::Execution;
 use interfacet::grid::{Geometry, MaterialId};
 use interfacet::mesh::{CheckOptions, InterfaceMesh, MeshMaterial, check, measure};
 use proptest::prelude::*;
 use sound::assert_sound;
-use wild::{Wild, lumps, mix};
+use wild::{Wild, for_all_patterns, lumps, mix};
 
 mod sound;
 mod wild;
@@ -110,40 +109,14 @@ fn assert_all_bounds(labels: &[u8], size: [usize; 3], seed: u64, border: Border)
 
 #[test]
 fn all_patterns_as_leaves_are_sound_in_any_neighbourhood() {
-    let table = PatternTable::get();
-    let size = [4usize; 3];
-    let geometry = Geometry::axis_aligned(size, [1.0; 3]).unwrap();
-    for partition in 0..PARTITIONS {
-        let classes = *table.partitions().classes(partition);
-        let ambiguous = table.ambiguous_faces(partition);
-        for bits in (0..64u8).filter(|b| b & !ambiguous == 0) {
-            for seed in 0..2u64 {
-                let mut labels = [9u8; 64];
-                for (i, label) in labels.iter_mut().enumerate() {
-                    let [x, y, z] = [i % 4, i / 4 % 4, i / 16];
-                    let inner = [x, y, z].iter().all(|c| (1..3).contains(c));
-                    *label = if inner {
-                        1 + classes[(x - 1) | (y - 1) << 1 | (z - 1) << 2]
-                    } else if seed == 0 {
-                        0
-                    } else {
-                        (mix(partition as u64 + 64 * u64::from(bits), &[x, y, z]) % 9) as u8
-                    };
-                }
-                if labels.iter().all(|&l| l == labels[0]) {
-                    continue;
-                }
-                let (volume, ids) = LabelVolume::from_labels(&labels, size).unwrap();
-                let rule = Wild { seed: partition as u64, cell: [2; 3], bits };
-                for bound in [Bound::None, Bound::Sum(f64::INFINITY)] {
-                    let surface = contour(&volume, &geometry, &rule, bound, Border::Closed);
-                    assert_sound(&patch(&surface), ids.len(), Border::Closed, &|| {
-                        format!("partition {partition} bits {bits} seed {seed} {bound:?}")
-                    });
-                }
-            }
+    let geometry = Geometry::axis_aligned([4; 3], [1.0; 3]).unwrap();
+    for_all_patterns(|labels, rule, what| {
+        let (volume, ids) = LabelVolume::from_labels(labels, [4; 3]).unwrap();
+        for bound in [Bound::None, Bound::Sum(f64::INFINITY)] {
+            let surface = contour(&volume, &geometry, rule, bound, Border::Closed);
+            assert_sound(&patch(&surface), ids.len(), Border::Closed, &|| format!("{what} {bound:?}"));
         }
-    }
+    });
 }
 
 proptest! {

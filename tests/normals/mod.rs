@@ -1,6 +1,6 @@
 //! Normals of crossings against the truth of a phantom.
 
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
+#![allow(dead_code, clippy::unwrap_used, clippy::print_stdout)] // each user takes its part; one prints
 
 use glam::DVec3;
 use interfacet::classify::{BitPlanes, LabelVolume, classify};

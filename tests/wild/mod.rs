@@ -4,6 +4,7 @@
 
 use interfacet::classify::LabelVolume;
 use interfacet::contour::marching::march;
+use interfacet::contour::pattern::{PARTITIONS, PatternTable};
 use interfacet::contour::{Border, CROSSING_MARGIN, CrossingRule};
 use interfacet::execution::Execution;
 use interfacet::grid::{Geometry, MaterialId};
@@ -67,4 +68,35 @@ pub(crate) fn mesh(labels: &[u8], geometry: &Geometry, rule: &impl CrossingRule)
 pub(crate) fn lumps([nx, ny, nz]: [usize; 3], materials: u64, smooth: usize, seed: u64) -> Vec<u8> {
     let at = |c: [usize; 3]| (mix(seed, &c.map(|v| v >> smooth)) % materials) as u8;
     (0..nx * ny * nz).map(|i| at([i % nx, i / nx % ny, i / (nx * ny)])).collect()
+}
+
+/// Calls `test` with every pattern of a cell's corners and all bits of its ambiguous faces, in the middle of a
+/// block of 4 x 4 x 4 labels: with one material around, and with a random mix of the pattern's. The words
+/// say which it is.
+pub(crate) fn for_all_patterns(mut test: impl FnMut(&[u8; 64], &Wild, &str)) {
+    let table = PatternTable::get();
+    for partition in 0..PARTITIONS {
+        let classes = *table.partitions().classes(partition);
+        let ambiguous = table.ambiguous_faces(partition);
+        for bits in (0..64u8).filter(|b| b & !ambiguous == 0) {
+            for seed in 0..2u64 {
+                let mut labels = [9u8; 64];
+                for (i, label) in labels.iter_mut().enumerate() {
+                    let [x, y, z] = [i % 4, i / 4 % 4, i / 16];
+                    let inner = [x, y, z].iter().all(|c| (1..3).contains(c));
+                    *label = if inner {
+                        1 + classes[(x - 1) | (y - 1) << 1 | (z - 1) << 2]
+                    } else if seed == 0 {
+                        0
+                    } else {
+                        (mix(partition as u64 + 64 * u64::from(bits), &[x, y, z]) % 9) as u8
+                    };
+                }
+                if labels.iter().any(|&l| l != labels[0]) {
+                    let rule = Wild { seed: partition as u64, cell: [2; 3], bits };
+                    test(&labels, &rule, &format!("partition {partition} bits {bits} seed {seed}"));
+                }
+            }
+        }
+    }
 }

@@ -19,7 +19,7 @@ use crate::contour::patch::Border;
 use crate::contour::pattern::{CellLeaves, PatternTable};
 use crate::execution::{Execution, Stage};
 use crate::grid::cube::edge_corners;
-use crate::grid::{Geometry, MaterialId, Pair};
+use crate::grid::{Geometry, MaterialId};
 
 /// A cell with a crossing, as it is found.
 #[derive(Debug, Clone, Copy)]
@@ -186,7 +186,7 @@ impl Builder {
                 let first = found.crossings.len();
                 for (axis, edge) in [0, 4, 8].into_iter().enumerate() {
                     let ends = edge_corners(edge).map(|c| cell.labels[c]);
-                    if is_needed(ends) {
+                    if marching::pair_of(ends, Border::Closed).is_some() {
                         found.crossings.push(crossing(rule, [x, y, z], axis, ends));
                     }
                 }
@@ -295,11 +295,6 @@ impl Builder {
         (leaves.knots, leaves.ties) = knots(leaves, self.table, &self.odd);
         self.leaves
     }
-}
-
-/// Whether a crossing makes a polygon: everything but between air and `OUTSIDE`.
-fn is_needed([a, b]: [MaterialId; 2]) -> bool {
-    Pair::new(a, b).is_some_and(|p| p.front() != MaterialId::OUTSIDE || p.back() != MaterialId::BACKGROUND)
 }
 
 /// Hermite data of a crossing; at the border it lies across the edge.

@@ -8,7 +8,7 @@ use super::polygons::mapped;
 use super::roots::place;
 use super::vertices::Vertices;
 use crate::contour::patch::Border;
-use crate::grid::{MaterialId, Pair};
+use crate::grid::Pair;
 
 /// Nodes of the octree by type (Li et al. 2022, table 1). The root is the smallest power of two of cells that
 /// holds the volume.
@@ -72,10 +72,7 @@ pub(super) fn polygons(forest: &Forest, vertices: &Vertices, border: Border) -> 
             let mut counts: Vec<PairPolygons> = Vec::new();
             for c in root.crossings.clone() {
                 let crossing = &forest.leaves.crossings[c as usize];
-                let (pair, _) = crossing.pair();
-                if pair.front() == MaterialId::OUTSIDE && border == Border::Open {
-                    continue;
-                }
+                let Some((pair, _)) = crossing.pair(border) else { continue };
                 let polygons = u64::from(mapped(vertices, crossing.ring).1 >= 3);
                 match counts.iter_mut().find(|n| n.pair == pair) {
                     Some(n) => {
@@ -106,8 +103,8 @@ pub(super) fn triangles(forest: &Forest, vertices: &Vertices, border: Border) ->
         .map(|(_, root)| {
             let of = |c: u32| {
                 let crossing = &forest.leaves.crossings[c as usize];
-                let left_out = crossing.pair().0.front() == MaterialId::OUTSIDE && border == Border::Open;
-                if left_out { 0 } else { mapped(vertices, crossing.ring).1.saturating_sub(2) as u64 }
+                let corners = crossing.pair(border).map_or(0, |_| mapped(vertices, crossing.ring).1);
+                corners.saturating_sub(2) as u64
             };
             root.crossings.clone().map(of).sum::<u64>()
         })

@@ -5,11 +5,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::forest::Forest;
-use super::leaves::{NONE, flag, weight};
-use super::octree::Placement;
+use super::leaves::{NONE, weight};
 use super::placement::World;
 use super::polygons::Triangles;
-use super::qef::{Place, Qef};
+use super::qef::{Placement, Qef};
 use super::vertices::Vertices;
 
 /// Distances from the vertices of the unsimplified mesh to the simplified one, voxels of mean edge.
@@ -56,13 +55,7 @@ pub(super) fn deviation(
                 if vertex == NONE || qef.count() == 0.0 {
                     continue;
                 }
-                let block = forest.block(super::forest::Owner::Leaf(leaf));
-                let place = Place {
-                    bounds: block.bounds(&leaves.grid),
-                    fixed: leaves.grid.fixed(root.number, leaves.sides(root, leaf)),
-                };
-                let crowded = leaves.flags[leaf as usize] & flag::CROWDED != 0;
-                let at = if crowded { place.clamp(qef.mass_point()) } else { placement.vertex(qef, &place) };
+                let at = leaves.vertex(root, leaf, qef, placement);
                 let Some(squared) =
                     around.distance_squared(made, vertex, world.place(root.number, at), NEAR * edge)
                 else {

@@ -6,7 +6,8 @@
 use rayon::prelude::*;
 
 use super::leaves::{Leaves, NONE, Root};
-use super::octree::{Bound, Collapses, Node, Placement, Tree, collapse};
+use super::octree::{Bound, Collapses, Node, Tree, collapse};
+use super::qef::Placement;
 use super::roots::Block;
 use crate::contour::error::ContourError;
 use crate::execution::{Execution, Stage};

@@ -4,33 +4,12 @@
 
 use std::collections::BTreeMap;
 
-use super::leaves::{Leaves, ring_edge, ring_face_axis};
+use super::leaves::{Knot, Leaves, Pass, Tie, ring_edge, ring_face_axis};
+use crate::contour::marching::pair_of;
+use crate::contour::patch::Border;
 use crate::contour::pattern::{FaceKnot, PatternTable};
+use crate::grid::MaterialId;
 use crate::grid::cube::{CORNERS, EDGES};
-use crate::grid::{MaterialId, Pair};
-
-/// The way of a polygon through a face: a crossing, and i where the face lies between the cells i and i + 1
-/// of its ring.
-pub(super) type Pass = (u32, u8);
-
-/// A piece of curve on a face, with the vertex that it may need.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Knot {
-    /// The polygons that pass here, ascending.
-    pub(super) passes: Vec<Pass>,
-    /// For one of two curves of a sheet: the knot of the other one. The vertex is needed only if both lead
-    /// to the same two vertices.
-    pub(super) twin: Option<u32>,
-}
-
-/// A triangle from a face vertex to two leaves of a sheet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Tie {
-    pub(super) knot: u32,
-    /// With the knot first, counter-clockwise seen from the pair's front.
-    pub(super) leaves: [u32; 2],
-    pub(super) pair: Pair,
-}
 
 /// A cell with faces that are not simple.
 #[derive(Debug, Clone, Copy)]
@@ -84,12 +63,11 @@ pub(super) fn knots(leaves: &Leaves, table: &PatternTable, cells: &[OddCell]) ->
             knots[b as usize].twin = Some(a);
         }
         for tie in &entry.ties {
-            let [behind, ahead] = [tie.behind, tie.ahead].map(|c| cell.labels[usize::from(c)]);
-            let Some(pair) = Pair::new(behind, ahead) else { continue };
-            let dropped = pair.front() == MaterialId::OUTSIDE && pair.back() == MaterialId::BACKGROUND;
-            let Some(knot) = torn[usize::from(tie.face)].filter(|_| !dropped) else { continue };
+            let sides = [tie.behind, tie.ahead].map(|c| cell.labels[usize::from(c)]);
+            let Some((pair, turned)) = pair_of(sides, Border::Closed) else { continue };
+            let Some(knot) = torn[usize::from(tie.face)] else { continue };
             let [main, cap] = tie.leaves.map(|l| cell.first_leaf + u32::from(l));
-            let leaves = if pair.back() == behind { [main, cap] } else { [cap, main] };
+            let leaves = if turned { [cap, main] } else { [main, cap] };
             ties.push(Tie { knot, leaves, pair });
         }
     }

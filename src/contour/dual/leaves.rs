@@ -11,9 +11,11 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use super::knots::{Knot, Tie};
-use super::roots::{RootGrid, place};
+use super::qef::{Place, Placement, Qef};
+use super::roots::{Block, RootGrid, place};
 use crate::contour::crossing::CROSSING_MARGIN;
+use crate::contour::marching::pair_of;
+use crate::contour::patch::Border;
 use crate::grid::cube::edge_between;
 use crate::grid::{MaterialId, Pair};
 
@@ -51,12 +53,10 @@ impl Crossing {
         at * grid.cell
     }
 
-    /// The pair of its polygon, and whether the ring must be turned over to face its front.
-    pub(super) fn pair(&self) -> (Pair, bool) {
-        let [behind, ahead] = self.labels;
-        // Labels differ, or there would be no crossing.
-        let pair = Pair::new(behind, ahead).unwrap_or_else(|| unreachable!("crossings have two materials"));
-        (pair, pair.back() != behind)
+    /// The pair of its polygon, and whether the ring must be turned over to face its front; `None` where an
+    /// open border leaves the polygon out.
+    pub(super) fn pair(&self, border: Border) -> Option<(Pair, bool)> {
+        pair_of(self.labels, border)
     }
 }
 
@@ -109,6 +109,29 @@ pub(super) struct Cap {
     pub(super) corners: u8,
 }
 
+/// The way of a polygon through a face: a crossing, and i where the face lies between the cells i and i + 1
+/// of its ring.
+pub(super) type Pass = (u32, u8);
+
+/// A piece of curve on a face, with the vertex that it may need.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Knot {
+    /// The polygons that pass here, ascending.
+    pub(super) passes: Vec<Pass>,
+    /// For one of two curves of a sheet: the knot of the other one. The vertex is needed only if both lead
+    /// to the same two vertices.
+    pub(super) twin: Option<u32>,
+}
+
+/// A triangle from a face vertex to two leaves of a sheet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Tie {
+    pub(super) knot: u32,
+    /// With the knot first, counter-clockwise seen from the pair's front.
+    pub(super) leaves: [u32; 2],
+    pub(super) pair: Pair,
+}
+
 /// The unsimplified surface; see the module header.
 #[derive(Debug, Clone)]
 pub(super) struct Leaves {
@@ -134,6 +157,23 @@ impl Leaves {
     /// The root of a crossing, as an index of `roots`.
     pub(super) fn root_of_crossing(&self, crossing: u32) -> usize {
         self.roots.partition_point(|r| r.crossings.end <= crossing)
+    }
+
+    /// Where the vertex of a leaf may lie.
+    pub(super) fn place(&self, root: &Root, leaf: u32) -> Place {
+        let block = Block { low: self.places[leaf as usize], level: 0 };
+        let fixed = self.grid.fixed(root.number, self.sides(root, leaf));
+        Place { bounds: block.bounds(&self.grid), fixed }
+    }
+
+    /// The vertex of a leaf in the unsimplified surface, whose planes are `qef`.
+    pub(super) fn vertex(&self, root: &Root, leaf: u32, qef: &Qef, placement: Placement) -> DVec3 {
+        let place = self.place(root, leaf);
+        if self.flags[leaf as usize] & flag::CROWDED != 0 {
+            place.clamp(qef.mass_point())
+        } else {
+            placement.vertex(qef, &place)
+        }
     }
 
     /// How many cells root `of` lies beyond root `from`.

@@ -5,6 +5,7 @@
 
 mod build;
 mod census;
+mod choices;
 mod deviation;
 mod flips;
 mod forest;
@@ -25,6 +26,7 @@ mod vertices;
 pub use build::Builder;
 pub use census::{NodeCounts, PairPolygons};
 pub use deviation::Deviation;
-pub use octree::{Bound, Collapses, Placement};
+pub use octree::{Bound, Collapses};
+pub use qef::Placement;
 pub use remedy::Remedy;
 pub use surface::{DualOptions, DualSurface, STAGES, Statistics};

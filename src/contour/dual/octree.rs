@@ -6,11 +6,11 @@
 //! that all children are leaves or pseudo-leaves). Reads nothing outside the root but the crossings
 //! on its faces.
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::leaves::{Leaves, NONE, Root, flag, ring_edge, weight};
-use super::qef::{Place, Qef};
+use super::qef::{Place, Placement, Qef};
 use super::roots::{Block, LEVELS};
 use super::topology::{Clusters, Outline, Refusal};
 use crate::grid::cube::EDGES;
@@ -37,30 +37,6 @@ impl Bound {
             Self::None | Self::Triangles(_) => false,
             Self::Rms(rms) => error <= rms * rms * count,
             Self::Sum(sum) => error < sum,
-        }
-    }
-}
-
-/// Where a vertex is put when the minimiser lies outside its block.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Placement {
-    /// At the best point of its block.
-    #[default]
-    Clamped,
-    /// At the mean of its crossings, as the paper does.
-    Paper,
-}
-
-impl Placement {
-    /// The vertex of a QEF.
-    pub(super) fn vertex(self, qef: &Qef, place: &Place) -> DVec3 {
-        match self {
-            Self::Clamped => qef.minimiser_within(place),
-            Self::Paper => {
-                let x = qef.minimiser_of(place);
-                if place.holds(x) { x } else { place.clamp(qef.mass_point()) }
-            }
         }
     }
 }

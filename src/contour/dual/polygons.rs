@@ -5,30 +5,18 @@
 //! (000_f7f54f44c17ac186 eq. 14). A polygon that passes a knot that needs a vertex, and one that the remedy
 //! asks for, becomes a *star*: a fan from its crossing.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::choices::Choices;
 use super::forest::Forest;
-use super::knots::{Knot, Pass};
-use super::leaves::{Crossing, NONE};
+use super::leaves::{Crossing, Knot, NONE, Pass};
 use super::placement::World;
 use super::vertices::Vertices;
+use crate::contour::marching::pair_of;
 use crate::contour::patch::Border;
 use crate::grid::{MaterialId, Pair};
 use crate::triangle::triangle_quality;
-
-/// What the remedy decided about polygons; all ascending.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Choices {
-    /// Crossings whose quad is split along the other diagonal.
-    pub(super) other_diagonal: Vec<u32>,
-    /// Crossings whose polygon is a fan from the crossing.
-    pub(super) stars: Vec<u32>,
-    /// Leaves at the mean of their crossings.
-    pub(super) pinned: Vec<u32>,
-    /// Where relaxation put leaves, in lengths about the middle of their root.
-    pub(super) moved: Vec<(u32, Vec3)>,
-}
 
 /// A surface of triangles, in the world, mm.
 #[derive(Debug, Clone, Default)]
@@ -69,7 +57,8 @@ impl Extra<'_> {
     }
 }
 
-/// The vertices of a ring in order, what became one only once; returns how many.
+/// The vertices of a ring in order, what became one only once, and how many they are. Two that take turns do not
+/// occur: the blocks around an edge cannot.
 pub(super) fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
     let ring = ring.map(|leaf| vertices.of_leaf[leaf as usize]);
     let mut out = [NONE; 4];
@@ -80,11 +69,10 @@ pub(super) fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
             count += 1;
         }
     }
-    // All four are one, or two that take turns, which blocks around an edge cannot.
     (out, count)
 }
 
-/// Number of polygons of each pair, and triangles of the surface.
+/// The triangles of all polygons and ties.
 pub(super) fn triangulate(
     forest: &Forest,
     vertices: &Vertices,
@@ -130,7 +118,7 @@ pub(super) fn triangulate(
     for tie in &leaves.ties {
         let knot = extra.of_knot[tie.knot as usize];
         let [a, b] = tie.leaves.map(|leaf| vertices.of_leaf[leaf as usize]);
-        if knot != NONE && (tie.pair.front() != MaterialId::OUTSIDE || border == Border::Closed) {
+        if knot != NONE && pair_of([tie.pair.back(), tie.pair.front()], border).is_some() {
             out.triangles.push([knot, a, b]);
             out.pairs.push(tie.pair);
             out.crossings.push(NONE);
@@ -216,10 +204,7 @@ fn put_polygon(
     border: Border,
 ) {
     let (ring, count) = mapped(vertices, crossing.ring);
-    let (pair, turned) = crossing.pair();
-    if count < 3 || (pair.front() == MaterialId::OUTSIDE && border == Border::Open) {
-        return;
-    }
+    let Some((pair, turned)) = crossing.pair(border).filter(|_| count >= 3) else { return };
     let mut put = |[a, b, c_]: [u32; 3]| {
         out.triangles.push(if turned { [a, c_, b] } else { [a, b, c_] });
         out.pairs.push(pair);

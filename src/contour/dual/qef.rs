@@ -6,6 +6,7 @@
 
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 /// Eigenvalues under this part of the largest are left out: what is flat within noise stays flat.
 const CUTOFF: f64 = 0.1;
@@ -51,6 +52,30 @@ impl Place {
             }
         }
         x
+    }
+}
+
+/// Where a vertex is put when the minimiser lies outside its block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Placement {
+    /// At the best point of its block.
+    #[default]
+    Clamped,
+    /// At the mean of its crossings, as the paper does.
+    Paper,
+}
+
+impl Placement {
+    /// The vertex of a QEF.
+    pub(super) fn vertex(self, qef: &Qef, place: &Place) -> DVec3 {
+        match self {
+            Self::Clamped => qef.minimiser_within(place),
+            Self::Paper => {
+                let x = qef.minimiser_of(place);
+                if place.holds(x) { x } else { place.clamp(qef.mass_point()) }
+            }
+        }
     }
 }
 

@@ -12,16 +12,16 @@
 //! step is taken once per item and none is taken back, so the loop ends. A triangle without area is treated
 //! like a pair. What was not changed is not tested again.
 
-use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::choices::Choices;
 use super::forest::{Forest, Owner};
-use super::knots::Knot;
-use super::leaves::{NONE, ring_face_axis};
-use super::octree::{Bound, Placement};
+use super::leaves::{Knot, NONE, ring_face_axis};
+use super::octree::Bound;
 use super::placement::World;
-use super::polygons::{Choices, Triangles, mapped, triangulate};
+use super::polygons::{Triangles, mapped, triangulate};
+use super::qef::Placement;
 use super::relax::relax;
 use super::vertices::Vertices;
 use crate::contour::error::ContourError;
@@ -251,9 +251,4 @@ fn knot_all_sides(forest: &Forest, knots: &mut Vec<Knot>, c: u32) {
         passes.sort_unstable();
         knots.push(Knot { passes, twin: None });
     }
-}
-
-/// Where relaxation put a leaf.
-pub(super) fn moved(moved: &[(u32, Vec3)], leaf: u32) -> Option<Vec3> {
-    moved.binary_search_by_key(&leaf, |(l, _)| *l).ok().map(|i| moved[i].1)
 }

@@ -5,12 +5,10 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::choices::Choices;
 use super::forest::{Forest, Owner};
 use super::leaves::{NONE, Root, flag, weight};
-use super::octree::Placement;
-use super::polygons::Choices;
-use super::qef::{Place, Qef};
-use super::remedy::moved;
+use super::qef::{Place, Placement, Qef};
 use super::roots::{SIDE, place};
 use crate::grid::cube::{CORNERS, corner_offset};
 
@@ -180,9 +178,9 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
         vertex.position = match vertex.owner {
             _ if vertex.pinned => place.clamp(qef.mass_point()),
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
-            Owner::Leaf(leaf) => match moved(&choices.moved, leaf) {
+            Owner::Leaf(leaf) => match choices.place_of(leaf) {
                 Some(at) => place.clamp(at.as_dvec3()),
-                None => placement.vertex(qef, &place),
+                None => leaves.vertex(root, leaf, qef, placement),
             },
         };
     }

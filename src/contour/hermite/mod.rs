@@ -55,7 +55,8 @@ pub trait HermiteRule: CrossingRule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NormalRule {
-    /// The default: `Smoothed` where the crossings around are known and one smooth face, else `Sided`.
+    /// The default: a gradient where grey values rise as gently as in a scan (`Smoothed` if there is noise to
+    /// smooth), else `Sided`, or `Smoothed` where the crossings around are one smooth face.
     #[default]
     Auto,
     /// Central differences at both ends, normalised and interpolated (Li et al. eq. 7 and 8).

@@ -18,13 +18,14 @@ pub struct PairQuality {
     pub blur: f64,
     /// Standard deviation of grey values, as a share of the contrast.
     pub noise: f64,
-    /// Difference of the materials' mean grey values.
+    /// Difference of the materials' mean grey values; 0 where it is not known, and then no step is gentle
+    /// enough for [`NormalRule::Auto`](super::NormalRule::Auto) to trust grey values alone.
     pub contrast: f64,
 }
 
 impl Default for PairQuality {
     fn default() -> Self {
-        Self { blur: DEFAULT_BLUR, noise: 0.0, contrast: f64::INFINITY }
+        Self { blur: DEFAULT_BLUR, noise: 0.0, contrast: 0.0 }
     }
 }
 

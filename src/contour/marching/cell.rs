@@ -184,7 +184,7 @@ pub(super) fn crossing_position<C: CrossingRule>(
 /// face its front, or `None` where no triangle is made: between air and `OUTSIDE`, and, with an open
 /// border, anything and `OUTSIDE`.
 #[inline]
-pub(super) fn pair_of([behind, ahead]: [MaterialId; 2], border: Border) -> Option<(Pair, bool)> {
+pub(in crate::contour) fn pair_of([behind, ahead]: [MaterialId; 2], border: Border) -> Option<(Pair, bool)> {
     let pair = Pair::new(behind, ahead)?;
     let dropped = pair.front() == MaterialId::OUTSIDE
         && (border == Border::Open || pair.back() == MaterialId::BACKGROUND);

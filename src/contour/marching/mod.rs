@@ -33,7 +33,7 @@ use crate::grid::{MaterialId, Pair, VertexKind};
 
 pub use pieces::march_pieces;
 
-pub(in crate::contour) use cell::Cell;
+pub(in crate::contour) use cell::{Cell, pair_of};
 
 use count::LayerCount;
 use fill::{LayerSlices, VertexSlices, fill_layer};

@@ -5,9 +5,8 @@
 //! processor computes for several voxels at a time, where a table would be looked up for each. What is
 //! added up are differences to the voxel's own grey value: exact also far from 0.
 
-use rayon::prelude::*;
-
 use super::kernel::{ball, falling, moved, within};
+use super::rows::each_row;
 use crate::execution::{Cancelled, Execution};
 use crate::volume::Slab;
 
@@ -44,14 +43,10 @@ impl Bilateral {
         out: &mut [f32],
         execution: &Execution,
     ) -> Result<(), Cancelled> {
-        let [width, height, _] = slab.size();
-        let arch = pulp::Arch::new();
-        let room = || (vec![0.0_f32; width], vec![0.0_f32; width]);
-        out.par_chunks_mut(width).enumerate().try_for_each_init(room, |(sums, weights), (i, out)| {
-            execution.check()?;
-            let (y, z) = (i % height, first + i / height);
+        let (size, arch) = (slab.size(), pulp::Arch::new());
+        let room = || [vec![0.0_f32; size[0]], vec![0.0_f32; size[0]]];
+        each_row(size, first, out, execution, room, |[sums, weights], [y, z], out| {
             arch.dispatch(|| self.row(slab, y, z, [sums, weights, out]));
-            Ok(())
         })
     }
 

@@ -5,9 +5,8 @@
 //! the middle needs is kept of Batcher's merge sort. At the border there are fewer values, an even
 //! number perhaps; then the mean of the two in the middle counts.
 
-use rayon::prelude::*;
-
 use super::kernel::{ball, moved};
+use super::rows::each_row;
 use crate::execution::{Cancelled, Execution};
 use crate::volume::Slab;
 
@@ -43,13 +42,11 @@ impl Median {
         out: &mut [f32],
         execution: &Execution,
     ) -> Result<(), Cancelled> {
-        let [width, height, depth] = slab.size();
+        let size @ [width, height, depth] = slab.size();
         let [rx, ry, rz] = self.reach;
         let arch = pulp::Arch::new();
         let room = || (vec![[0.0_f32; LANES]; self.offsets.len()], Vec::with_capacity(self.offsets.len()));
-        out.par_chunks_mut(width).enumerate().try_for_each_init(room, |(block, values), (i, out)| {
-            execution.check()?;
-            let (y, z) = (i % height, first + i / height);
+        each_row(size, first, out, execution, room, |(block, values), [y, z], out| {
             let inside = y >= ry && y + ry < height && z >= rz && z + rz < depth;
             let interior = if inside { rx..width.saturating_sub(rx) } else { 0..0 };
             let mut x = 0;
@@ -63,7 +60,6 @@ impl Median {
                     x += 1;
                 }
             }
-            Ok(())
         })
     }
 

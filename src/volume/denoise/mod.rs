@@ -15,6 +15,7 @@ mod mean;
 mod median;
 mod nlm;
 mod options;
+mod rows;
 mod separable;
 #[cfg(test)]
 mod tests;

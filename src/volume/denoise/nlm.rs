@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::kernel::{ball, cuboid, falling, moved, within};
+use super::rows::each_row;
 use crate::execution::{Cancelled, Execution};
 use crate::volume::Slab;
 
@@ -54,19 +55,16 @@ impl NonLocalMeans {
         out: &mut [f32],
         execution: &Execution,
     ) -> Result<(), Cancelled> {
-        let [width, height, _] = slab.size();
-        let arch = pulp::Arch::new();
+        let (size, arch) = (slab.size(), pulp::Arch::new());
+        let width = size[0];
         let rows = self.continued(slab);
         let room = || Room {
             squares: vec![0.0; width + 2 * self.patch[0]],
             sums: vec![0.0; width],
             weights: vec![0.0; width],
         };
-        out.par_chunks_mut(width).enumerate().try_for_each_init(room, |room, (i, out)| {
-            execution.check()?;
-            let (y, z) = (i % height, first + i / height);
-            arch.dispatch(|| self.row(slab, &rows, [y, z], room, out));
-            Ok(())
+        each_row(size, first, out, execution, room, |room, at, out| {
+            arch.dispatch(|| self.row(slab, &rows, at, room, out));
         })
     }
 

@@ -1,0 +1,23 @@
+//! What relaxation and remedy decided, which vertices and triangles are made by.
+
+use glam::Vec3;
+
+/// Decisions about leaves and polygons; every list is ascending.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Choices {
+    /// Crossings whose quad is split along the other diagonal.
+    pub(super) other_diagonal: Vec<u32>,
+    /// Crossings whose polygon is a fan from the crossing.
+    pub(super) stars: Vec<u32>,
+    /// Leaves at the mean of their crossings.
+    pub(super) pinned: Vec<u32>,
+    /// Where relaxation put leaves, in lengths about the middle of their root.
+    pub(super) moved: Vec<(u32, Vec3)>,
+}
+
+impl Choices {
+    /// Where relaxation put a leaf.
+    pub(super) fn place_of(&self, leaf: u32) -> Option<Vec3> {
+        self.moved.binary_search_by_key(&leaf, |(l, _)| *l).ok().map(|i| self.moved[i].1)
+    }
+}
