@@ -7,6 +7,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::size_trees::bounds;
+
 /// Cells per axis: two million flags.
 const CELLS: usize = 128;
 
@@ -22,9 +24,7 @@ pub(super) fn nearby(
         return None;
     }
     let corners = |t: usize| triangles[t].map(|v| positions[v as usize]);
-    let (low, high) = positions
-        .iter()
-        .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)));
+    let (low, high) = bounds(positions);
     let scale = CELLS as f64 / (high - low).max_element().max(f64::MIN_POSITIVE);
     let cell = |p: DVec3| ((p - low) * scale).to_array().map(|c| (c as usize).min(CELLS - 1));
     let cells = |t: usize| {

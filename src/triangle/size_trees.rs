@@ -22,6 +22,14 @@ const GROUP: usize = 16;
 /// Classes at most; the last one takes everything smaller.
 const CLASSES: usize = 8;
 
+/// The lowest and the highest coordinates of points; infinite for none.
+pub(super) fn bounds(positions: &[DVec3]) -> (DVec3, DVec3) {
+    positions
+        .par_chunks(1 << 14)
+        .map(|c| c.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p))))
+        .reduce(|| (DVec3::INFINITY, DVec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)))
+}
+
 /// An axis-aligned box, closed.
 #[derive(Debug, Clone, Copy)]
 struct Aabb {
@@ -67,10 +75,7 @@ impl<'a> SizeTrees<'a> {
         triangles: &'a [[u32; 3]],
         keep: impl Fn(usize) -> bool + Sync,
     ) -> Self {
-        let (low, high) = positions
-            .par_chunks(1 << 14)
-            .map(|c| c.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p))))
-            .reduce(|| (DVec3::INFINITY, DVec3::NEG_INFINITY), |a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let (low, high) = bounds(positions);
         let centre = if positions.is_empty() { DVec3::ZERO } else { low * 0.5 + high * 0.5 };
         let mut this = Self { positions, triangles, centre, trees: Vec::new() };
         // Class by exponent of the longest side, in steps of three (a factor of eight).

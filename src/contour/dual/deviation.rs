@@ -56,13 +56,12 @@ pub(super) fn deviation(
                     continue;
                 }
                 let at = leaves.vertex(root, leaf, qef, placement);
-                let Some(squared) =
-                    around.distance_squared(made, vertex, world.place(root.number, at), NEAR * edge)
+                let Some(distance) = around.distance(vertex, world.place(root.number, at), NEAR * edge)
                 else {
                     continue;
                 };
-                sum += squared;
-                maximum = maximum.max(squared);
+                sum += distance * distance;
+                maximum = maximum.max(distance);
                 count += 1;
             }
             (sum, maximum, count)
@@ -71,17 +70,20 @@ pub(super) fn deviation(
     let count: u64 = sums.iter().map(|s| s.2).sum();
     let sum: f64 = sums.iter().map(|s| s.0).sum();
     let maximum = sums.iter().fold(0.0, |m: f64, s| m.max(s.1));
-    Deviation { rms: (sum / count.max(1) as f64).sqrt() / edge, maximum: maximum.sqrt() / edge }
+    Deviation { rms: (sum / count.max(1) as f64).sqrt() / edge, maximum: maximum / edge }
 }
 
-/// The triangles around each vertex.
-struct Around {
+/// The triangles around each vertex, and a sphere around each triangle.
+struct Around<'a> {
+    made: &'a Triangles,
     first: Vec<u32>,
     triangles: Vec<u32>,
+    /// Middle and radius.
+    spheres: Vec<(DVec3, f64)>,
 }
 
-impl Around {
-    fn new(made: &Triangles) -> Self {
+impl<'a> Around<'a> {
+    fn new(made: &'a Triangles) -> Self {
         let mut first = vec![0u32; made.positions.len() + 1];
         made.triangles.iter().flatten().for_each(|&v| first[v as usize + 1] += 1);
         (1..first.len()).for_each(|v| first[v] += first[v - 1]);
@@ -93,25 +95,39 @@ impl Around {
                 next[v as usize] += 1;
             }
         }
-        Self { first, triangles }
+        let sphere = |&t: &[u32; 3]| {
+            let corners = t.map(|v| made.positions[v as usize]);
+            let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+            (middle, corners.iter().fold(0.0, |r: f64, c| r.max(c.distance(middle))))
+        };
+        let spheres = made.triangles.par_iter().map(sphere).collect();
+        Self { made, first, triangles, spheres }
     }
 
     fn of(&self, vertex: u32) -> &[u32] {
         &self.triangles[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
     }
 
-    /// Square of the distance from `p` to the triangles around a vertex and, if none is as near as `near`, to
-    /// those around its neighbours; `None` for a vertex without triangles.
-    fn distance_squared(&self, made: &Triangles, vertex: u32, p: DVec3, near: f64) -> Option<f64> {
-        let to =
-            |t: &u32| squared_distance(p, made.triangles[*t as usize].map(|v| made.positions[v as usize]));
-        let least = |vertex: u32| self.of(vertex).iter().map(to).fold(f64::INFINITY, f64::min);
-        let mut best = least(vertex);
-        if best > near * near {
+    /// Distance from `p` to the triangles around a vertex and, if none is as near as `near`, to those
+    /// around its neighbours; `None` for a vertex without triangles.
+    fn distance(&self, vertex: u32, p: DVec3, near: f64) -> Option<f64> {
+        let least = |vertex: u32, mut best: f64| {
             for &t in self.of(vertex) {
-                for v in made.triangles[t as usize] {
+                let (middle, radius) = self.spheres[t as usize];
+                // Nothing in its sphere is nearer.
+                if p.distance_squared(middle) < (best + radius) * (best + radius) {
+                    let corners = self.made.triangles[t as usize].map(|v| self.made.positions[v as usize]);
+                    best = best.min(squared_distance(p, corners).sqrt());
+                }
+            }
+            best
+        };
+        let mut best = least(vertex, f64::INFINITY);
+        if best > near {
+            for &t in self.of(vertex) {
+                for v in self.made.triangles[t as usize] {
                     if v != vertex {
-                        best = best.min(least(v));
+                        best = least(v, best);
                     }
                 }
             }

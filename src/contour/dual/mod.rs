@@ -14,6 +14,7 @@ mod knots;
 mod leaves;
 mod octree;
 mod placement;
+mod plain;
 mod polygons;
 mod qef;
 mod relax;

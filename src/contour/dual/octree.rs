@@ -13,6 +13,7 @@ use super::leaves::{Leaves, NONE, Root, flag, ring_edge, weight};
 use super::qef::{Place, Placement, Qef};
 use super::roots::{Block, LEVELS};
 use super::topology::{Clusters, Outline, Refusal};
+use crate::grid::MaterialId;
 use crate::grid::cube::EDGES;
 
 /// When a collapse is admitted.
@@ -105,6 +106,8 @@ pub(super) struct Tree {
 struct Part {
     low: u16,
     crossings: [u32; EDGES],
+    /// As in its [`Outline`].
+    pair: [MaterialId; 2],
     qef: Qef,
     /// Sides of the volume that it reaches.
     sides: u8,
@@ -142,20 +145,29 @@ fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
         .map(|leaf| Part {
             low: leaves.places[leaf as usize],
             crossings: [NONE; EDGES],
+            pair: [MaterialId::BACKGROUND; 2],
             qef: Qef::default(),
             sides: leaves.sides(root, leaf),
             number: leaf - root.leaves.start,
         })
         .collect();
     leaves.crossings_of(root, |number, crossing, at| {
+        let [a, b] = crossing.labels;
+        let pair = [a.min(b), a.max(b)];
         for (i, &leaf) in crossing.ring.iter().enumerate().filter(|(_, l)| root.leaves.contains(l)) {
             let part = &mut parts[leaf as usize - first];
             part.crossings[ring_edge(crossing.axis.into(), i)] = number;
+            part.pair = joined(part.pair, pair);
             part.qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
         }
     });
     parts.retain(|p| leaves.flags[first + p.number as usize] & flag::SIMPLE != 0 && p.qef.count() > 0.0);
     parts
+}
+
+/// The materials of two parts together; none yet is twice air.
+fn joined(a: [MaterialId; 2], b: [MaterialId; 2]) -> [MaterialId; 2] {
+    if a == b || a == [MaterialId::BACKGROUND; 2] { b } else { [MaterialId::OUTSIDE; 2] }
 }
 
 /// Collapses the blocks of a root.
@@ -174,7 +186,11 @@ impl Collapser<'_> {
     /// Groups the parts in a block and makes nodes of the clusters that pass.
     fn collapse_block(&mut self, block: Block, group: &[Part], next: &mut Vec<Part>) {
         let child_of = |part: &Part| (part.low >> (3 * (u32::from(block.level) - 1)) & 7) as u8;
-        self.clusters.set(group.iter().map(|p| Outline { child: child_of(p), crossings: p.crossings }));
+        self.clusters.set(group.iter().map(|p| Outline {
+            child: child_of(p),
+            crossings: p.crossings,
+            pair: p.pair,
+        }));
         for cluster in 0..group.len() {
             if self.clusters.cluster(cluster) != cluster {
                 continue;
@@ -193,8 +209,10 @@ impl Collapser<'_> {
         let Self { leaves, root, bound, placement, clusters, members, tree } = self;
         let mut qef = Qef::default();
         let mut sides = 0u8;
+        let mut pair = [MaterialId::BACKGROUND; 2];
         for &i in &*members {
             qef.merge(&group[i].qef);
+            pair = joined(pair, group[i].pair);
             sides |= group[i].sides;
         }
         // Both bits of an axis.
@@ -227,6 +245,6 @@ impl Collapser<'_> {
             }
         }
         tree.nodes.push(Node { block, parent: NONE, position: position.as_vec3() });
-        Some(Part { low: block.low, crossings, qef, sides, number })
+        Some(Part { low: block.low, crossings, pair, qef, sides, number })
     }
 }

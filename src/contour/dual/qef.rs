@@ -162,43 +162,72 @@ impl Qef {
         let mask = DVec3::from(free.map(|f| f64::from(u8::from(f))));
         let matrix = DMat3::from_diagonal(mask) * self.matrix() * DMat3::from_diagonal(mask);
         let slope = self.slope(start) * mask;
-        start - Eigen::new(&matrix).solve(slope)
+        start - Certain::new(&matrix).solve(slope)
     }
 }
 
-/// A symmetric matrix by its eigenvectors.
-pub(super) struct Eigen {
-    pub(super) values: [f64; 3],
-    pub(super) vectors: [DVec3; 3],
+/// The directions in which planes say where a vertex lies: eigenvectors of eigenvalues that are not small.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Certain {
+    vectors: [DVec3; 3],
+    values: [f64; 3],
+    count: usize,
 }
 
-impl Eigen {
+impl Certain {
+    /// Of AᵀA.
     pub(super) fn new(matrix: &DMat3) -> Self {
+        Self::one(matrix).unwrap_or_else(|| Self::all(matrix))
+    }
+
+    /// The only one, where planes lie in one face, as most do: the sixteenth power of the matrix has nothing
+    /// else left. `None` where there may be more.
+    fn one(matrix: &DMat3) -> Option<Self> {
+        let trace = matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z;
+        let mut power = *matrix * (1.0 / trace);
+        for _ in 0..4 {
+            power = power * power;
+        }
+        let columns = [power.x_axis, power.y_axis, power.z_axis];
+        let longest = columns.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))?;
+        let vector = longest.normalize();
+        let value = vector.dot(*matrix * vector);
+        // No eigenvalue is larger than all others together; what is not a number is not found here.
+        let found =
+            trace - value <= least(value) && (*matrix * vector - vector * value).length() <= 1e-12 * value;
+        found.then_some(Self { vectors: [vector; 3], values: [value; 3], count: 1 })
+    }
+
+    fn all(matrix: &DMat3) -> Self {
         let eigen = SymmetricEigen::new(Matrix3::from_column_slice(&matrix.to_cols_array()));
-        let vector = |i: usize| DVec3::from_slice(eigen.eigenvectors.column(i).as_slice());
-        Self { values: [0, 1, 2].map(|i| eigen.eigenvalues[i]), vectors: [0, 1, 2].map(vector) }
+        let least = least(eigen.eigenvalues.max());
+        let mut out = Self { vectors: [DVec3::ZERO; 3], values: [0.0; 3], count: 0 };
+        for i in (0..3).filter(|&i| eigen.eigenvalues[i] > least) {
+            out.vectors[out.count] = DVec3::from_slice(eigen.eigenvectors.column(i).as_slice());
+            out.values[out.count] = eigen.eigenvalues[i];
+            out.count += 1;
+        }
+        out
     }
 
-    /// Solves for a right-hand side, along eigenvectors of eigenvalues that are not small.
+    fn each(&self) -> impl Iterator<Item = (DVec3, f64)> {
+        self.vectors.into_iter().zip(self.values).take(self.count)
+    }
+
+    /// Solves for a right-hand side along these directions.
     fn solve(&self, right: DVec3) -> DVec3 {
-        let least = self.least();
-        let along = |(value, vector): (&f64, &DVec3)| {
-            if *value > least { *vector * (vector.dot(right) / value) } else { DVec3::ZERO }
-        };
-        self.values.iter().zip(&self.vectors).map(along).sum()
+        self.each().map(|(vector, value)| vector * (vector.dot(right) / value)).sum()
     }
 
-    /// Eigenvalues up to this one are small.
-    fn least(&self) -> f64 {
-        (CUTOFF * self.values.iter().fold(0.0, |m: f64, v| m.max(*v))).min(CERTAIN)
+    /// The part of `d` that is left open.
+    pub(super) fn leaves_open(&self, d: DVec3) -> DVec3 {
+        d - self.each().map(|(vector, _)| vector * vector.dot(d)).sum::<DVec3>()
     }
+}
 
-    /// The part of `d` along eigenvectors of small eigenvalues.
-    pub(super) fn along_small(&self, d: DVec3) -> DVec3 {
-        let least = self.least();
-        let small = self.values.iter().zip(&self.vectors).filter(|(value, _)| **value <= least);
-        small.map(|(_, v)| *v * v.dot(d)).sum()
-    }
+/// Eigenvalues up to this one are small, beside the largest.
+fn least(largest: f64) -> f64 {
+    (CUTOFF * largest.max(0.0)).min(CERTAIN)
 }
 
 #[cfg(test)]
@@ -211,8 +240,11 @@ mod tests {
         qef.minimiser_of(&Place { bounds: [DVec3::MIN, DVec3::MAX], fixed: [None; 3] })
     }
 
+    fn vector(r: f64) -> impl Strategy<Value = DVec3> {
+        [-r..r, -r..r, -r..r].prop_map(DVec3::from)
+    }
+
     fn planes() -> impl Strategy<Value = Vec<(DVec3, DVec3)>> {
-        let vector = |r: f64| [-r..r, -r..r, -r..r].prop_map(DVec3::from);
         let normal = vector(1.0).prop_filter("long enough", |n| n.length() > 0.1);
         prop::collection::vec((vector(16.0), normal.prop_map(DVec3::normalize)), 3..40)
     }
@@ -235,9 +267,24 @@ mod tests {
             let x = DVec3::new(x[0], x[1], x[2]);
             let residual = if rows > 3 { r[(3, 3)].powi(2) } else { 0.0 };
             prop_assert!((qef.error(x) - residual).abs() < 1e-8 * (1.0 + qef.square));
-            let eigen = Eigen::new(&qef.matrix());
-            if eigen.values.iter().all(|v| *v > eigen.least()) {
+            if Certain::new(&qef.matrix()).count == 3 {
                 prop_assert!(minimiser(&qef).distance(x) < 1e-7);
+            }
+        }
+
+        #[test]
+        fn one_direction_is_found_as_the_eigenvectors_tell(
+            normal in vector(1.0).prop_filter("long enough", |n| n.length() > 0.1),
+            off in prop::collection::vec(vector(0.3), 3..40),
+        ) {
+            let mut qef = Qef::default();
+            off.iter().for_each(|o| qef.add(DVec3::ZERO, (normal.normalize() + *o).normalize(), 1.0));
+            let (one, all) = (Certain::one(&qef.matrix()), Certain::all(&qef.matrix()));
+            if let Some(one) = one {
+                prop_assert_eq!(all.count, 1);
+                prop_assert!((one.values[0] - all.values[0]).abs() < 1e-9 * all.values[0]);
+                prop_assert!(one.vectors[0].dot(all.vectors[0]).abs() > 1.0 - 1e-12);
+                prop_assert!(one.leaves_open(one.vectors[0]).length() < 1e-12);
             }
         }
 

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::forest::Forest;
 use super::leaves::NONE;
 use super::octree::Bound;
-use super::qef::{Eigen, Place, Qef};
+use super::qef::{Certain, Place, Qef};
 use super::roots::SIDE;
 use super::vertices::Vertices;
 
@@ -24,11 +24,11 @@ const STEPS: usize = 3;
 pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>], bound: Bound) {
     let grid = &forest.leaves.grid;
     // The directions in which each vertex is free; none for one that is pinned.
-    let free: Vec<Vec<Option<Eigen>>> = forest
+    let free: Vec<Vec<Option<Certain>>> = forest
         .roots()
         .map(|(i, _)| {
             let own = vertices.all[vertices.in_root(i)].iter().zip(&qefs[i]);
-            own.map(|(v, qef)| (!v.pinned).then(|| Eigen::new(&qef.matrix()))).collect()
+            own.map(|(v, qef)| (!v.pinned).then(|| Certain::new(&qef.matrix()))).collect()
         })
         .collect();
     // In lengths about the middle of root 0, so that neighbours in other roots can be averaged.
@@ -52,7 +52,7 @@ pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>],
                         let Some(free) = free.as_ref().filter(|_| *count > 0.0) else {
                             return vertex.position;
                         };
-                        let step = free.along_small(*sum / *count - middle[i] - vertex.position);
+                        let step = free.leaves_open(*sum / *count - middle[i] - vertex.position);
                         let bounds = forest.block(vertex.owner).bounds(grid);
                         let place = Place { bounds, fixed: grid.fixed(root.number, vertex.sides) };
                         stepped(vertex.position, step, qef, &place, bound)

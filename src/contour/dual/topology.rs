@@ -7,6 +7,7 @@
 use std::sync::LazyLock;
 
 use super::leaves::NONE;
+use super::plain::Plain;
 use crate::grid::MaterialId;
 use crate::grid::cube::{CORNERS, EDGES, FACES, edge_axis, edge_corners, edge_faces, other_axes};
 
@@ -33,6 +34,8 @@ pub(super) struct Outline {
     pub(super) child: u8,
     /// Numbers of the crossings on the child's edges, or [`NONE`].
     pub(super) crossings: [u32; EDGES],
+    /// The materials of all of its crossings, ascending; twice `OUTSIDE` if there are more than two.
+    pub(super) pair: [MaterialId; 2],
 }
 
 /// A crossing on a half edge.
@@ -47,10 +50,10 @@ struct Slot {
 }
 
 const NO_PART: u16 = u16::MAX;
-const PLACES: usize = 54;
+pub(super) const PLACES: usize = 54;
 
 /// Where each edge of each child lies.
-static PLACE: [[u8; EDGES]; CORNERS] = places();
+pub(super) static PLACE: [[u8; EDGES]; CORNERS] = places();
 
 const fn places() -> [[u8; EDGES]; CORNERS] {
     let mut out = [[0; EDGES]; CORNERS];
@@ -75,7 +78,7 @@ const fn places() -> [[u8; EDGES]; CORNERS] {
 
 /// What a place is in its block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Within {
+pub(super) enum Within {
     /// Between four children.
     Inner,
     /// On a face, between two children.
@@ -96,11 +99,14 @@ fn within(place: u8) -> Within {
 }
 
 /// What each place is.
-static WITHIN: LazyLock<[Within; PLACES]> = LazyLock::new(|| std::array::from_fn(|p| within(p as u8)));
+pub(super) static WITHIN: LazyLock<[Within; PLACES]> =
+    LazyLock::new(|| std::array::from_fn(|p| within(p as u8)));
 
 /// Groups parts into clusters and tests them; kept for its buffers.
 #[derive(Debug, Default)]
 pub(super) struct Clusters {
+    /// If the block is plain; the rest is not used then.
+    plain: Option<Plain>,
     outlines: Vec<Outline>,
     slots: Vec<Slot>,
     by_place: Vec<Vec<u16>>,
@@ -119,6 +125,14 @@ impl Clusters {
     pub(super) fn set(&mut self, outlines: impl Iterator<Item = Outline>) {
         self.outlines.clear();
         self.outlines.extend(outlines);
+        self.plain = Plain::new(&self.outlines);
+        if self.plain.is_none() {
+            self.link();
+        }
+    }
+
+    /// Finds out which crossings parts have in common.
+    fn link(&mut self) {
         let n = self.outlines.len();
         self.links.clear();
         self.links.extend(0..n as u16);
@@ -152,7 +166,10 @@ impl Clusters {
 
     /// The lowest part of a part's cluster.
     pub(super) fn cluster(&mut self, part: usize) -> usize {
-        usize::from(find(&mut self.links, part as u16))
+        match &self.plain {
+            Some(plain) => plain.cluster(part),
+            None => usize::from(find(&mut self.links, part as u16)),
+        }
     }
 
     /// Tests the cluster whose lowest part is `cluster`; `labels` gives the materials of a crossing. Returns
@@ -162,6 +179,9 @@ impl Clusters {
         cluster: usize,
         labels: impl Fn(u32) -> [MaterialId; 2],
     ) -> Result<[u32; EDGES], Refusal> {
+        if let Some(plain) = &self.plain {
+            return plain.test(cluster);
+        }
         self.parts.clear();
         for p in 0..self.outlines.len() as u16 {
             if usize::from(find(&mut self.links, p)) == cluster {
@@ -408,6 +428,8 @@ fn unite(links: &mut [u16], p: u16, q: u16) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::cube::corner_offset;
+    use rand::{RngExt, SeedableRng};
 
     #[test]
     fn places_are_those_of_a_block_cut_in_eight() {
@@ -427,5 +449,59 @@ mod tests {
             kinds[kind] += 1;
         }
         assert_eq!(kinds, [6, 24, 24]);
+    }
+
+    #[test]
+    fn plain_blocks_are_told_the_same_by_counting_bits() {
+        let pair = [MaterialId(0), MaterialId(1)];
+        let (mut passed, mut refused) = (0, [0; 4]);
+        for seed in 0..20_000u64 {
+            // Which of the block's 27 lattice points lie behind the interface: at random, or beside a plane.
+            let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+            let normal: [f64; 3] = std::array::from_fn(|_| rng.random::<f64>() - 0.5);
+            let (offset, wild) = (rng.random::<f64>() - 0.5, rng.random::<f64>() * 0.3);
+            let behind = |p: [usize; 3], rng: &mut rand_chacha::ChaCha8Rng| {
+                let along: f64 = (0..3).map(|a| normal[a] * (p[a] as f64 - 1.0)).sum();
+                (along > offset) != (rng.random::<f64>() < wild)
+            };
+            let points: Vec<bool> = (0..27).map(|i| behind([i % 3, i / 3 % 3, i / 9], &mut rng)).collect();
+            let at = |p: [usize; 3]| points[p[0] + 3 * p[1] + 9 * p[2]];
+            let mut outlines = Vec::new();
+            for child in 0..CORNERS {
+                let low = corner_offset(child);
+                let crosses = |e: usize| {
+                    let [p, q] = edge_corners(e).map(|c| {
+                        let o = corner_offset(c);
+                        at([0, 1, 2].map(|a| low[a] + o[a]))
+                    });
+                    p != q
+                };
+                let crossing = |e| if crosses(e) { u32::from(PLACE[child][e]) } else { NONE };
+                let crossings = std::array::from_fn(crossing);
+                // Some cells have not passed.
+                if crossings != [NONE; EDGES] && rng.random::<f64>() > 0.05 {
+                    outlines.push(Outline { child: child as u8, crossings, pair });
+                }
+            }
+            let Some(plain) = Plain::new(&outlines) else {
+                assert!(outlines.is_empty());
+                continue;
+            };
+            let mut clusters = Clusters { outlines: outlines.clone(), ..Clusters::default() };
+            clusters.link();
+            for p in 0..outlines.len() {
+                let cluster = clusters.cluster(p);
+                assert_eq!(plain.cluster(p), cluster, "{seed}");
+                if cluster == p {
+                    let expected = clusters.test(p, |_| pair);
+                    assert_eq!(plain.test(p), expected, "{seed}");
+                    match expected {
+                        Ok(_) => passed += 1,
+                        Err(refusal) => refused[refusal as usize] += 1,
+                    }
+                }
+            }
+        }
+        assert!(passed > 1000 && refused.iter().all(|&n| n > 100), "{passed} {refused:?}");
     }
 }
