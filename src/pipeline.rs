@@ -155,7 +155,8 @@ fn plan(
 ) -> Result<MemoryPlan, PipelineError> {
     let geometry = source.geometry();
     let (budget, slab) = (execution.memory(), execution.slab());
-    let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), budget, slab);
+    let reach = surface::reach(&options.method);
+    let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), reach, budget, slab);
     let materials = match &options.materials {
         MaterialChoice::Given(given) => given.len(),
         MaterialChoice::Find { count, names } => count.unwrap_or(names.len().max(4)),

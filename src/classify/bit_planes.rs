@@ -141,6 +141,15 @@ impl BitPlanes {
         self.data[self.start(plane, y, z) + x / WORD] >> (x % WORD) & 1 == 1
     }
 
+    /// The bits of all planes at a lattice point, that of plane 0 lowest; of at most eight planes.
+    #[must_use]
+    #[inline]
+    pub fn code(&self, x: usize, y: usize, z: usize) -> u8 {
+        let words = self.data[self.start(0, y, z) + x / WORD..].iter().step_by(self.padded[1] * self.words);
+        let bits = words.take(self.count).map(|word| (word >> (x % WORD) & 1) as u8);
+        bits.enumerate().fold(0, |code, (p, bit)| code | bit << p)
+    }
+
     /// The bits of two neighbouring lattice points x and x + 1 of a row.
     #[must_use]
     pub fn two_bits(&self, plane: usize, x: usize, y: usize, z: usize) -> u8 {

@@ -258,10 +258,9 @@ impl LabelVolume {
 
     /// The material at a point of the padded lattice.
     #[must_use]
+    #[inline]
     pub fn at(&self, [x, y, z]: [usize; 3]) -> MaterialId {
-        let bits = 0..self.codes.count();
-        let code = bits.fold(0, |code, p| code | u8::from(self.codes.bit(p, x, y, z)) << p);
-        self.material_of_code(code)
+        self.material_of_code(self.codes.code(x, y, z))
     }
 
     /// Voxels of each material in the slices that are held.

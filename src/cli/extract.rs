@@ -1,6 +1,6 @@
 //! `interfacet extract`.
 
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -12,16 +12,17 @@ use serde::Deserialize;
 
 use super::failure;
 use super::input::InputArgs;
+use super::summary;
 use crate::contour::dual::Placement;
 use crate::contour::{Border, NormalRule};
 use crate::execution::{Execution, available_memory};
 use crate::export::StagedFolder;
 use crate::mesh::CheckOptions;
 use crate::pipeline::{
-    DenoiseFound, DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold,
-    Tolerance, extract_into,
+    DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
+    extract_into,
 };
-use crate::report::{InputReport, ResultWriter, RunReport};
+use crate::report::{InputReport, ResultWriter};
 use crate::volume::Denoise;
 
 const EXAMPLES: &str = "\
@@ -377,7 +378,7 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     folder.commit()?;
     if !args.quiet {
         execution.plan(&[]);
-        match summary(&mut io::stdout().lock(), &args.out, &report) {
+        match summary::summary(&mut io::stdout().lock(), &args.out, &report) {
             // Whoever reads has seen enough: `interfacet extract ... | head`.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
             written => written.context("cannot write to standard output")?,
@@ -389,71 +390,6 @@ fn run_in_pool(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
 /// The error, with the path that the user gave for the hidden one where the result was being made.
 fn in_place(error: anyhow::Error, aside: &Path, out: &Path) -> anyhow::Error {
     anyhow!(failure::message(&error).replace(&aside.display().to_string(), &out.display().to_string()))
-}
-
-/// What a person wants to know at once.
-fn summary(out: &mut impl Write, folder: &Path, report: &RunReport) -> io::Result<()> {
-    let [x, y, z] = report.input.geometry.size();
-    let [sx, sy, sz] = report.input.geometry.spacing();
-    writeln!(out, "{x} x {y} x {z} voxels of {sx} x {sy} x {sz} mm")?;
-    writeln!(out, "\n  id  material              grey      volume mm³  components   Euler")?;
-    for m in &report.materials {
-        let (id, name, grey) = (m.material.id.0, &m.material.name, m.material.mean);
-        let number = |n: Option<String>| n.unwrap_or_else(|| "-".into());
-        writeln!(
-            out,
-            "  {id:>2}  {name:<16} {grey:>9.6} {:>15} {:>11} {:>7}",
-            number(m.mesh_volume.map(|v| format!("{v:.3}"))),
-            number(m.components.map(|c| c.to_string())),
-            number(m.euler_characteristic.map(|e| e.to_string())),
-        )?;
-    }
-    writeln!(out, "\n  interface                              triangles        area mm²")?;
-    for p in &report.pairs {
-        let pair = format!("{} | {}", p.back, p.front);
-        writeln!(out, "  {pair:<36} {:>11} {:>15.3}", p.triangles, p.area)?;
-    }
-    let n = &report.non_manifold_edges;
-    writeln!(
-        out,
-        "\n{} triangles; {} non-manifold edges in {} junction curves ({:.3} mm), {} junction points, {} boundary edges",
-        report.triangles,
-        n.edges,
-        n.curves.len(),
-        n.length,
-        n.junction_points,
-        n.boundary_edges
-    )?;
-    if let Some(blur) = &report.blur {
-        let [rx, ry, rz] = blur.radius;
-        writeln!(out, "blur radius R {rx:.2} x {ry:.2} x {rz:.2} voxels")?;
-    }
-    if let Some(DenoiseFound { used, noise_before, noise_after }) = &report.denoise {
-        writeln!(out, "noise {noise_before:.3} before and {noise_after:.3} after {used}")?;
-    }
-    if let Some(iso) = &report.iso {
-        let found = iso.otsu_mode.as_ref().map_or_else(String::new, |mode| {
-            format!(
-                ", the mode of {} slices' Otsu thresholds ({} agree; {} slices have no two classes)",
-                mode.with_two_classes,
-                mode.agreeing,
-                mode.slices - mode.with_two_classes
-            )
-        });
-        writeln!(out, "iso value {}{found}", iso.grey)?;
-    }
-    match (report.unexpected_defects, report.options.border) {
-        (0, Border::Closed) => writeln!(out, "no defects")?,
-        (0, Border::Open) => {
-            writeln!(out, "no defects; the border is open along {} edges", n.boundary_edges)?
-        }
-        (n, _) => writeln!(out, "{n} DEFECTS: see report.json")?,
-    }
-    for warning in report.input.notes.iter().chain(&report.warnings) {
-        writeln!(out, "note: {warning}")?;
-    }
-    let seconds = report.costs.total_seconds();
-    writeln!(out, "{seconds:.1} s; results in {}", folder.display())
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod interrupt;
 mod phantom;
 mod progress;
 mod render;
+mod summary;
 
 use std::process::ExitCode;
 

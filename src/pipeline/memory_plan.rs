@@ -32,6 +32,8 @@ pub(super) struct MemoryPlan {
     sample: SampleType,
     /// Slices of a slab at most.
     most: usize,
+    /// Slices that contouring reads on each side of a slab.
+    reach: usize,
     /// Bytes for what is always there.
     base: u64,
     /// Triangles of a piece of mesh at most, if it has more than one layer.
@@ -39,18 +41,19 @@ pub(super) struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// For a volume of `size` voxels of type `sample`, with a budget in bytes and slabs of at most `slab`
-    /// slices.
+    /// For a volume of `size` voxels of type `sample`, contouring that reads `reach` slices on each side of a
+    /// slab, a budget in bytes and slabs of at most `slab` slices.
     pub(super) fn new(
         size: [usize; 3],
         sample: SampleType,
+        reach: usize,
         budget: Option<u64>,
         slab: Option<usize>,
     ) -> Self {
         let most = slab.unwrap_or(size[2]).clamp(1, size[2]);
         // What the allocator keeps back of memory that was given back.
         let budget = budget.map(|bytes| bytes - bytes / ALLOCATOR_SHARE);
-        let mut plan = Self { budget, size, sample, most, base: BASE, piece: PIECE };
+        let mut plan = Self { budget, size, sample, most, reach, base: BASE, piece: PIECE };
         while budget.is_some_and(|budget| plan.pieces() > budget / 4) && plan.piece > SMALLEST_PIECE {
             plan.piece /= 2;
         }
@@ -155,8 +158,8 @@ impl MemoryPlan {
         let kept = if plan.scratch.is_none() { labels } else { 0 };
         let bits = u64::from(usize::BITS - materials.leading_zeros()) + 1;
         self.thickest(|slices| {
-            let samples = sweep_bytes(self.size, self.sample, slices, 1);
-            self.base + kept + samples + self.planes(bits, slices + 2) + self.pieces()
+            let samples = sweep_bytes(self.size, self.sample, slices, self.reach);
+            self.base + kept + samples + self.planes(bits, slices + 2 * self.reach) + self.pieces()
         })
     }
 
@@ -222,7 +225,7 @@ mod tests {
     #[test]
     fn more_memory_means_thicker_slabs_up_to_all() {
         let size = [1024; 3];
-        let plan = |mib: u64| MemoryPlan::new(size, SampleType::U16, Some(mib << 20), None);
+        let plan = |mib: u64| MemoryPlan::new(size, SampleType::U16, 1, Some(mib << 20), None);
         let slices = |mib| {
             let plan = plan(mib);
             plan.slabs(3, 12, Some(Path::new("."))).map(|slabs| (slabs.slices, slabs.scratch.is_some()))
@@ -231,7 +234,7 @@ mod tests {
         let thick = slices(1024).unwrap();
         assert!(thin.0 >= 1 && thin.0 < thick.0 && thin.1, "{thin:?} {thick:?}");
         assert_eq!(slices(16 << 10).unwrap(), (1024, false));
-        assert_eq!(MemoryPlan::new(size, SampleType::U16, None, None).survey().unwrap(), 1024);
+        assert_eq!(MemoryPlan::new(size, SampleType::U16, 1, None, None).survey().unwrap(), 1024);
     }
 
     #[test]
@@ -242,9 +245,10 @@ mod tests {
             ([3000, 2500, 4], SampleType::F32),
             ([12, 9000, 700], SampleType::I16),
         ] {
-            for (halo, sink) in [(3, 0), (18, 80 << 20)] {
+            for (halo, sink, reach) in [(3, 0, 1), (18, 80 << 20, 5)] {
                 for allowed in [0, 60 << 20, 100 << 20] {
-                    let check = |bytes| MemoryPlan::new(size, sample, Some(bytes), None).check(4, halo, sink);
+                    let plan = |bytes| MemoryPlan::new(size, sample, reach, Some(bytes), None);
+                    let check = |bytes| plan(bytes).check(4, halo, sink);
                     let Err(PipelineError::Memory { budget, needed, .. }) = check(allowed) else { continue };
                     assert!(budget == allowed && needed > budget);
                     assert!(check(needed).is_ok(), "{size:?} {halo} {sink}: {needed} is not enough");

@@ -18,6 +18,14 @@ use crate::volume::{Sample, SampleWindow};
 /// Its name as a stage.
 pub(super) const STAGE: &str = "extracting the surface";
 
+/// Slices of samples that contouring reads on each side of a slab.
+pub(super) fn reach(method: &Method) -> usize {
+    match method {
+        Method::Marching => 1,
+        Method::Dual(_) => HALO + 1,
+    }
+}
+
 /// Bytes that dual contouring takes for each crossing, at its peak, if it simplifies and if not.
 const SIMPLIFIED: u64 = 130;
 const UNSIMPLIFIED: u64 = 420;
@@ -78,7 +86,7 @@ impl Surface<'_> {
         sink.begin(self.geometry, &self.materials)?;
         let started = Instant::now();
         let mut out = Out { surface: self, sink, stage, first: [0, 0], seconds: 0.0 };
-        window.sweep(self.slices, 1, |slab, core| {
+        window.sweep(self.slices, reach(&self.method), |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             match &mut crossings {
                 Crossings::Thresholds { store, materials, .. } => {
@@ -115,7 +123,7 @@ impl Surface<'_> {
         let stage = self.execution.stage(STAGE, size[2] as u64 + 1);
         let qualities = crossings.qualities();
         let mut builder = Builder::new(self.geometry);
-        window.sweep(self.slices, HALO + 1, |slab, core| {
+        window.sweep(self.slices, reach(&self.method), |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             let known = layers.start.saturating_sub(HALO)..(layers.end + 1 + HALO).min(size[2] + 2);
             let normals = method.normals;

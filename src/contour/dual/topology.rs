@@ -467,7 +467,7 @@ mod tests {
             let points: Vec<bool> = (0..27).map(|i| behind([i % 3, i / 3 % 3, i / 9], &mut rng)).collect();
             let at = |p: [usize; 3]| points[p[0] + 3 * p[1] + 9 * p[2]];
             let mut outlines = Vec::new();
-            for child in 0..CORNERS {
+            for (child, places) in PLACE.iter().enumerate() {
                 let low = corner_offset(child);
                 let crosses = |e: usize| {
                     let [p, q] = edge_corners(e).map(|c| {
@@ -476,7 +476,7 @@ mod tests {
                     });
                     p != q
                 };
-                let crossing = |e| if crosses(e) { u32::from(PLACE[child][e]) } else { NONE };
+                let crossing = |e| if crosses(e) { u32::from(places[e]) } else { NONE };
                 let crossings = std::array::from_fn(crossing);
                 // Some cells have not passed.
                 if crossings != [NONE; EDGES] && rng.random::<f64>() > 0.05 {
