@@ -235,7 +235,7 @@ impl Builder {
                         labels: labels[at].1,
                     });
                 }
-                put_leaves(leaves, self.table.leaves(cell.entry.into()), place);
+                put_leaves(leaves, self.table.leaves(cell.entry.into()), root.number, place);
             }
             root.leaves.end = leaves.places.len() as u32;
             above[in_layer] = Some(Lookup::new(&cells));
@@ -308,8 +308,11 @@ fn crossing(rule: &dyn HermiteRule, from: [usize; 3], axis: usize, labels: [Mate
 }
 
 /// Adds the leaves of a cell.
-fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, place: u16) {
+fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, root: usize, at: u16) {
     let first = leaves.places.len() as u32;
+    let (low, in_root) = (leaves.grid.low(root), place(at));
+    let sides = leaves.grid.sides([0, 1, 2].map(|a| low[a] + in_root[a]));
+    let border = if sides == 0 { 0 } else { flag::BORDER };
     let crowded = if cell.leaves.len() > 1 { flag::CROWDED } else { 0 };
     for leaf in &cell.leaves {
         let simple = if leaf.simple { flag::SIMPLE } else { 0 };
@@ -318,8 +321,8 @@ fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, place: u16) {
             let (own, main) = (leaves.places.len() as u32, first + u32::from(leaf.main));
             leaves.caps.push(Cap { leaf: own, main, corners: leaf.cap });
         }
-        leaves.places.push(place);
-        leaves.flags.push(simple | crowded | cap);
+        leaves.places.push(at);
+        leaves.flags.push(simple | crowded | cap | border);
     }
 }
 

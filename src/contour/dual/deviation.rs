@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::forest::Forest;
-use super::leaves::{NONE, weight};
+use super::leaves::NONE;
 use super::placement::World;
 use super::polygons::Triangles;
 use super::qef::{Placement, Qef};
@@ -42,11 +42,7 @@ pub(super) fn deviation(
             let mut qefs = vec![Qef::default(); root.leaves.len()];
             leaves.crossings_of(root, |_, crossing, at| {
                 for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
-                    qefs[(leaf - first) as usize].add(
-                        at,
-                        crossing.normal.as_dvec3(),
-                        weight(crossing.weight),
-                    );
+                    leaves.add_plane(&mut qefs[(leaf - first) as usize], root, leaf, crossing, at);
                 }
             });
             let (mut sum, mut maximum, mut count) = (0.0, 0.0f64, 0);

@@ -88,6 +88,8 @@ pub(super) mod flag {
     pub(crate) const CROWDED: u8 = 2;
     /// It is a cap: it lies between its main leaf and the corners that it cuts off.
     pub(crate) const CAP: u8 = 4;
+    /// Its cell reaches beyond the volume.
+    pub(crate) const BORDER: u8 = 8;
 }
 
 /// What a root holds.
@@ -205,6 +207,24 @@ impl Leaves {
         }
     }
 
+    /// What the crossing at `at` says about the vertex of a leaf: adds the plane that it should lie on. Beyond the
+    /// volume's last voxels nothing is known; the surface goes straight on to the border there.
+    #[inline]
+    pub(super) fn add_plane(
+        &self,
+        qef: &mut Qef,
+        root: &Root,
+        leaf: u32,
+        crossing: &Crossing,
+        mut at: DVec3,
+    ) {
+        if self.flags[leaf as usize] & flag::BORDER != 0 {
+            let fixed = self.grid.fixed(root.number, self.sides(root, leaf));
+            (0..3).for_each(|a| at[a] = fixed[a].unwrap_or(at[a]));
+        }
+        qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+    }
+
     /// The sides of the volume that a leaf's cell reaches beyond; there its vertex lies.
     pub(super) fn sides(&self, root: &Root, leaf: u32) -> u8 {
         let (low, at) = (self.grid.low(root.number), place(self.places[leaf as usize]));
@@ -219,7 +239,7 @@ pub(super) fn pack_weight(weight: f32) -> u8 {
 
 /// The inverse of [`pack_weight`].
 #[inline]
-pub(super) fn weight(packed: u8) -> f64 {
+fn weight(packed: u8) -> f64 {
     f64::from(packed) / 255.0
 }
 

@@ -9,7 +9,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::leaves::{Leaves, NONE, Root, flag, ring_edge, weight};
+use super::leaves::{Leaves, NONE, Root, flag, ring_edge};
 use super::qef::{Place, Placement, Qef};
 use super::roots::{Block, LEVELS};
 use super::topology::{Clusters, Outline, Refusal};
@@ -158,7 +158,7 @@ fn parts_of(leaves: &Leaves, root: &Root) -> Vec<Part> {
             let part = &mut parts[leaf as usize - first];
             part.crossings[ring_edge(crossing.axis.into(), i)] = number;
             part.pair = joined(part.pair, pair);
-            part.qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+            leaves.add_plane(&mut part.qef, root, leaf, crossing, at);
         }
     });
     parts.retain(|p| leaves.flags[first + p.number as usize] & flag::SIMPLE != 0 && p.qef.count() > 0.0);

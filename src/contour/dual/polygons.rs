@@ -57,10 +57,14 @@ impl Extra<'_> {
     }
 }
 
+/// The vertices of a ring of leaves, as [`distinct`].
+pub(super) fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
+    distinct(ring.map(|leaf| vertices.of_leaf[leaf as usize]))
+}
+
 /// The vertices of a ring in order, what became one only once, and how many they are. Two that take turns do not
 /// occur: the blocks around an edge cannot.
-pub(super) fn mapped(vertices: &Vertices, ring: [u32; 4]) -> ([u32; 4], usize) {
-    let ring = ring.map(|leaf| vertices.of_leaf[leaf as usize]);
+pub(super) fn distinct(ring: [u32; 4]) -> ([u32; 4], usize) {
     let mut out = [NONE; 4];
     let mut count = 0;
     for i in 0..4 {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::choices::Choices;
 use super::forest::{Forest, Owner};
-use super::leaves::{NONE, Root, flag, weight};
+use super::leaves::{NONE, Root, flag};
 use super::qef::{Place, Placement, Qef};
 use super::roots::{SIDE, place};
 use crate::grid::cube::{CORNERS, corner_offset};
@@ -169,7 +169,7 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
     leaves.crossings_of(root, |_, crossing, at| {
         for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
             let v = of_leaf[(leaf - first) as usize] as usize;
-            qefs[v].add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+            leaves.add_plane(&mut qefs[v], root, leaf, crossing, at);
         }
     });
     for (vertex, qef) in out.iter_mut().zip(&qefs) {
