@@ -39,12 +39,22 @@ fn contour(
     bound: Bound,
     border: Border,
 ) -> DualSurface {
+    let options = DualOptions { bound, placement: Placement::Clamped, merge: true, deviation: false };
+    contour_as(labels, geometry, rule, &options, border)
+}
+
+fn contour_as(
+    labels: &LabelVolume,
+    geometry: &Geometry,
+    rule: &impl HermiteRule,
+    options: &DualOptions,
+    border: Border,
+) -> DualSurface {
     let execution = Execution::default();
     let mut builder = Builder::new(geometry);
     let layers = 0..geometry.size()[2] + 1;
     builder.add(labels, rule, layers, &execution, &execution.stage("", 0)).unwrap();
-    let options = DualOptions { bound, placement: Placement::Clamped, deviation: false };
-    builder.finish(geometry, &options, border, &execution).unwrap()
+    builder.finish(geometry, options, border, &execution).unwrap()
 }
 
 fn patch(surface: &DualSurface) -> Patch {
@@ -96,6 +106,7 @@ fn assert_all_bounds(labels: &[u8], size: [usize; 3], seed: u64, border: Border)
             }
             let defects =
                 check(&mesh(&surface, ids.len()), &CheckOptions::default(), &Execution::default()).unwrap();
+            assert_eq!(defects.alternation.count, 0, "{}", what());
             assert_eq!(defects.self_intersections.count, surface.statistics.remedy.left, "{}", what());
             assert_eq!(surface.statistics.remedy.left, 0, "{} {:?}", what(), surface.statistics);
             if border == Border::Closed {
@@ -169,6 +180,45 @@ fn smooth_bodies_keep_their_topology_across_roots() {
     println!("{triangles:?}");
     // Random normals allow few collapses by error; the topology alone allows most.
     assert!(triangles[3] * 4 < triangles[0], "{triangles:?}");
+}
+
+#[test]
+fn merging_keeps_topology_and_soundness_and_does_not_depend_on_threads() {
+    for seed in 0..8 {
+        let size = [40, 44, 36 + seed as usize];
+        let (labels, ids) = LabelVolume::from_labels(&balls(size, 2 + seed % 4, seed), size).unwrap();
+        let geometry = Geometry::axis_aligned(size, [1.0, 0.9, 1.2]).unwrap();
+        let rule = LabelHermite::new(&labels, [1.0, 0.9, 1.2]);
+        let border = if seed % 3 == 0 { Border::Open } else { Border::Closed };
+        let run = |merge: bool, bound: Bound, threads: usize| {
+            let options = DualOptions { bound, merge, ..DualOptions::default() };
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| contour_as(&labels, &geometry, &rule, &options, border))
+        };
+        let octree = run(false, Bound::Rms(0.3), 2);
+        let merged = run(true, Bound::Rms(0.3), 1);
+        let what = || format!("seed {seed}");
+        assert_sound(&patch(&merged), ids.len(), border, &what);
+        let defects =
+            check(&mesh(&merged, ids.len()), &CheckOptions::default(), &Execution::default()).unwrap();
+        assert_eq!(defects.self_intersections.count + defects.alternation.count, 0, "{seed}");
+        assert_eq!(topology(&octree, ids.len()), topology(&merged, ids.len()), "{seed}");
+        assert_eq!(octree.statistics.merged, 0);
+        let (before, after) = (octree.triangles.len(), merged.triangles.len());
+        assert!(after * 10 < before * 9, "{before} triangles, {after} after merging");
+        let off = |surface: &DualSurface| surface.statistics.deviation.unwrap().rms;
+        assert!(off(&merged) < off(&octree) * 1.3, "{} {}", off(&octree), off(&merged));
+        for threads in [2, 5] {
+            let other = run(true, Bound::Rms(0.3), threads);
+            assert_eq!(other.positions, merged.positions, "{seed}");
+            assert_eq!(other.triangles, merged.triangles, "{seed}");
+        }
+        // Down to a number.
+        for wanted in [after * 3 / 2, after * 3] {
+            let found = run(true, Bound::Triangles(wanted as u64), 2).triangles.len();
+            assert!(found.abs_diff(wanted) * 20 < wanted, "{found} for {wanted} triangles");
+        }
+    }
 }
 
 /// Volume enclosed by material 1, mm³.

@@ -212,9 +212,11 @@ fn some_method() -> impl Strategy<Value = Method> {
         Just(NormalRule::Smoothed),
         Just(NormalRule::Sided),
     ];
-    let dual = (tolerance, placement, normals).prop_map(|(tolerance, placement, normals)| DualMethod {
+    let dual = (tolerance, placement, any::<bool>(), normals);
+    let dual = dual.prop_map(|(tolerance, placement, octree_only, normals)| DualMethod {
         tolerance,
         placement,
+        octree_only,
         normals,
     });
     prop_oneof![Just(Method::Marching), dual.prop_map(Method::Dual)]

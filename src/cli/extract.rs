@@ -150,6 +150,11 @@ pub(crate) struct Args {
     #[arg(long, value_enum, value_name = "PLACE", default_value_t = QefName::Clamped, help_heading = "Surface: dual")]
     qef: QefName,
 
+    /// Stop at the octree, as Li et al. 2022 do: vertices are not merged beyond its blocks. More triangles
+    /// for the same tolerance. With --phi this is always so.
+    #[arg(long, help_heading = "Surface: dual")]
+    octree_only: bool,
+
     /// How to find the directions that the surface faces, which tell edges from noise. Volumes of labels
     /// (--labels) have a way of their own, whatever is said here.
     #[arg(long, value_enum, value_name = "HOW", default_value_t = NormalsName::Auto, help_heading = "Surface: dual")]
@@ -322,12 +327,12 @@ impl Args {
             NormalsName::Smoothed => NormalRule::Smoothed,
             NormalsName::Sided => NormalRule::Sided,
         };
-        let dual = DualMethod { tolerance, placement, normals };
+        let dual = DualMethod { tolerance, placement, octree_only: self.octree_only, normals };
         match self.method {
             MethodName::Dual => Ok(Method::Dual(dual)),
             MethodName::Marching if dual == DualMethod::default() => Ok(Method::Marching),
             MethodName::Marching => bail!(
-                "--tolerance, --phi, --target-triangles, --qef and --normals belong to --method dual; add it, or leave them out"
+                "--tolerance, --phi, --target-triangles, --qef, --octree-only and --normals belong to --method dual; add it, or leave them out"
             ),
         }
     }

@@ -45,6 +45,8 @@ pub struct DualMethod {
     pub tolerance: Tolerance,
     /// Where a vertex goes whose best place is outside its block.
     pub placement: Placement,
+    /// Whether to stop at the octree, as the paper does, and not to merge vertices beyond its blocks.
+    pub octree_only: bool,
     /// How normals are estimated; segmented volumes have one way only.
     pub normals: NormalRule,
 }

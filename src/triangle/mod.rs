@@ -5,6 +5,7 @@
 //! same predicates, the same rule, the same search.
 
 mod apart;
+mod around_edge;
 mod edge_table;
 mod filed;
 mod meetings;
@@ -15,8 +16,8 @@ mod stars;
 mod triangle_pair;
 mod vertex_table;
 
+pub(crate) use around_edge::in_turn;
 pub(crate) use edge_table::{EdgeTable, EdgeUse};
 pub(crate) use meetings::{Search, is_without_area, without_area};
 pub use shape::{smallest_angle, triangle_quality};
-pub(crate) use triangle_pair::{Plane, side};
 pub(crate) use vertex_table::VertexTable;

@@ -1,7 +1,7 @@
 //! Flips of near-coplanar edges, for better triangles, in any order with the same outcome.
 //!
 //! Words: an edge *ab* with the triangles *abc* and *bad* is *flipped* to *cd* with *cad* and *dbc*; the four
-//! points are its *quad*. A *slot* is a triangle's place in the list; a flip reuses its two.
+//! points are its *quad*. A flip reuses the slots of its two triangles (`changes.rs`).
 //!
 //! Method: rounds. Each looks at the state before it, finds every flip that is worth while, and carries out
 //! those that are the best of all that touch either of their triangles. What makes a flip worth while:
@@ -30,6 +30,7 @@ use std::collections::BTreeSet;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::changes::{Changes, mix};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::Pair;
 use crate::triangle::{EdgeTable, Search, is_without_area, triangle_quality, without_area};
@@ -59,72 +60,18 @@ pub(crate) struct FlipMesh<'a> {
     pub(crate) locked: &'a [bool],
 }
 
-/// One flip.
-#[derive(Debug, Clone, Copy)]
-struct Flip {
-    slots: [u32; 2],
-    before: [[u32; 3]; 2],
-    /// The flip before this one in each slot.
-    previous: [u32; 2],
-}
-
 /// The flips that were carried out, to take them back.
 #[derive(Debug, Clone)]
 pub(crate) struct Flips {
-    list: Vec<Flip>,
-    /// The latest flip in each slot that has not been taken back.
-    last: Vec<u32>,
+    changes: Changes,
     /// How many rounds there were.
     pub(crate) rounds: usize,
-    /// How many flips were taken back.
-    pub(crate) undone: usize,
 }
 
 impl Flips {
     /// How many flips are in the mesh now.
     pub(crate) fn count(&self) -> usize {
-        self.list.len() - self.undone
-    }
-
-    /// Whether a slot holds a triangle that a flip made.
-    pub(crate) fn is_flipped(&self, slot: usize) -> bool {
-        self.last[slot] != NONE
-    }
-
-    /// Takes back all flips in these slots and, before them, the later ones that built on them: then the
-    /// triangles of the slots are what they were at first. Returns the slots that changed, ascending.
-    /// `triangles` must be as the flips left them.
-    pub(crate) fn undo(
-        &mut self,
-        triangles: &mut [[u32; 3]],
-        slots: impl IntoIterator<Item = u32>,
-    ) -> Vec<u32> {
-        let mut changed = Vec::new();
-        let mut stack = Vec::new();
-        for slot in slots {
-            while self.last[slot as usize] != NONE {
-                stack.push(self.last[slot as usize]);
-                // Each flip in the stack is of a later round than the one below it.
-                while let Some(&flip) = stack.last() {
-                    let Flip { slots, before, previous } = self.list[flip as usize];
-                    if let Some(later) = slots.map(|s| self.last[s as usize]).into_iter().find(|&l| l != flip)
-                    {
-                        stack.push(later);
-                        continue;
-                    }
-                    for k in 0..2 {
-                        triangles[slots[k] as usize] = before[k];
-                        self.last[slots[k] as usize] = previous[k];
-                    }
-                    changed.extend(slots);
-                    self.undone += 1;
-                    stack.pop();
-                }
-            }
-        }
-        changed.sort_unstable();
-        changed.dedup();
-        changed
+        self.changes.made() - self.changes.undone()
     }
 }
 
@@ -137,20 +84,20 @@ pub(crate) fn flip(
     execution: &Execution,
 ) -> Result<Flips, Cancelled> {
     let mut flips = flip_only(mesh, triangles, options, execution)?;
-    if flips.list.is_empty() {
+    if flips.count() == 0 {
         return Ok(flips);
     }
     let mut left_out = without_area(mesh.positions, triangles);
-    let mut asked: Vec<bool> = (0..triangles.len()).map(|t| flips.is_flipped(t)).collect();
+    let mut asked: Vec<bool> = (0..triangles.len()).map(|t| flips.changes.is_changed(t)).collect();
     loop {
         let found = Search::new(mesh.positions, triangles, &left_out).run(|t| asked[t], execution)?;
-        let wrong = found.first.into_iter().flatten().filter(|&t| flips.is_flipped(t as usize));
+        let wrong = found.first.into_iter().flatten().filter(|&t| flips.changes.is_changed(t as usize));
         let wrong: Vec<u32> = wrong.collect();
         if wrong.is_empty() {
             return Ok(flips);
         }
         // Old triangles did not meet each other, but they may meet new ones: only these are asked for.
-        let changed = flips.undo(triangles, wrong);
+        let changed = flips.changes.undo(triangles, wrong, |_| ());
         asked.fill(false);
         for t in changed {
             asked[t as usize] = true;
@@ -168,7 +115,7 @@ pub(crate) fn flip_only(
     execution: &Execution,
 ) -> Result<Flips, Cancelled> {
     let n = triangles.len();
-    let mut flips = Flips { list: Vec::new(), last: vec![NONE; n], rounds: 0, undone: 0 };
+    let mut flips = Flips { changes: Changes::new(n), rounds: 0 };
     if n >= NONE as usize / 3 {
         return Ok(flips);
     }
@@ -262,13 +209,6 @@ impl Candidate {
         // The gain is positive, so its bits are in the order of its values.
         (self.gain.to_bits(), mix(a << 32 | b), self.edge)
     }
-}
-
-/// The finaliser of the generator splitmix64 (Steele, Lea and Flood 2014).
-fn mix(mut x: u64) -> u64 {
-    x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ x >> 31
 }
 
 /// The mesh between two rounds.
@@ -366,19 +306,9 @@ impl State<'_> {
         let (slots, [ab, ba]) = (candidate.slots(), candidate.halves);
         let ([s, t], [a, b], [c, d]) = (slots, candidate.edge, candidate.tips);
         let outer = [next(next(ab)), next(ba), next(next(ba)), next(ab)].map(|h| self.mates[h as usize]);
-        let number = flips.list.len() as u32;
-        flips.list.push(Flip {
-            slots,
-            before: slots.map(|s| self.triangles[s as usize]),
-            previous: slots.map(|s| flips.last[s as usize]),
-        });
-        for slot in slots.map(|s| s as usize) {
-            flips.last[slot] = number;
-            self.moved[slot] = candidate.moved;
-        }
-        // c to a, a to d, d to c; and d to b, b to c, c to d.
-        self.triangles[s as usize] = [c, a, d];
-        self.triangles[t as usize] = [d, b, c];
+        slots.into_iter().for_each(|slot| self.moved[slot as usize] = candidate.moved);
+        let new = [[c, a, d], [d, b, c]];
+        flips.changes.make(self.triangles, slots.into_iter().zip(new));
         let [ca, ad, db, bc] = [3 * s, 3 * s + 1, 3 * t, 3 * t + 1];
         for (half, mate) in [ca, ad, db, bc].into_iter().zip(outer).chain([(3 * s + 2, 3 * t + 2)]) {
             self.mates[half as usize] = mate;

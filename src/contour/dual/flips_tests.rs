@@ -130,12 +130,12 @@ proptest! {
         prop_assert_eq!(triangles.len(), after.len());
         prop_assert!(toy.lowest_q(&after) >= toy.lowest_q(&toy.triangles));
         let changed = (0..after.len()).filter(|&t| after[t] != toy.triangles[t]);
-        prop_assert!(changed.clone().all(|t| flips.is_flipped(t)));
+        prop_assert!(changed.clone().all(|t| flips.changes.is_changed(t)));
         prop_assert!(changed.count() >= flips.count().min(1));
         prop_assert_eq!(toy.meetings(&after), toy.meetings(&toy.triangles));
         // Taking everything back gives the first triangles, in their slots.
         let (mut back, mut flips) = (after, flips);
-        flips.undo(&mut back, 0..toy.triangles.len() as u32);
+        flips.changes.undo(&mut back, 0..toy.triangles.len() as u32, |_| ());
         prop_assert_eq!(flips.count(), 0);
         prop_assert_eq!(back, toy.triangles);
     }
@@ -190,8 +190,8 @@ proptest! {
         let flips = flip(mesh, &mut after, &options, &execution).unwrap();
         prop_assert_eq!(toy.meetings(&after), 0);
         prop_assert_eq!(&after[n..], &toy.triangles[n..]);
-        prop_assert!(flips.count() > 0 && flips.undone > 0);
-        prop_assert_eq!(flips.count() + flips.undone, all.count());
+        prop_assert!(flips.count() > 0 && flips.changes.undone() > 0);
+        prop_assert_eq!(flips.changes.made(), all.count());
     }
 }
 

@@ -5,13 +5,16 @@
 
 mod build;
 mod census;
+mod changes;
 mod choices;
+mod complex;
 mod deviation;
 mod flips;
 mod forest;
 mod grading;
 mod knots;
 mod leaves;
+mod merge;
 mod octree;
 mod placement;
 mod plain;

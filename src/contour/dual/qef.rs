@@ -104,6 +104,29 @@ impl Qef {
         self.count += other.count;
     }
 
+    /// The same planes about a point that lies `offset` before this one.
+    pub(super) fn shifted(&self, offset: DVec3) -> Self {
+        let along = self.matrix() * offset;
+        Self {
+            vector: self.vector + along,
+            square: self.square + 2.0 * offset.dot(self.vector) + offset.dot(along),
+            sum: self.sum + offset * self.count,
+            ..*self
+        }
+    }
+
+    /// A lower bound of the error anywhere: its minimum, but for rounding.
+    pub(super) fn least_error(&self) -> f64 {
+        let matrix = self.matrix();
+        // A plane across each axis, with little weight: it can be inverted, and the minimum falls.
+        let ridge = 1e-9 * (matrix.x_axis.x + matrix.y_axis.y + matrix.z_axis.z);
+        let inverse = (matrix + DMat3::from_diagonal(DVec3::splat(ridge))).inverse();
+        let mass = self.mass_point();
+        let slope = self.slope(mass);
+        let least = self.error(mass) - slope.dot(inverse * slope);
+        if least.is_finite() { least * (1.0 - 1e-3) - 1e-3 } else { 0.0 }
+    }
+
     /// AᵀA.
     pub(super) fn matrix(&self) -> DMat3 {
         let [xx, xy, xz, yy, yz, zz] = self.matrix;
@@ -140,8 +163,13 @@ impl Qef {
     /// The minimiser in `place`: where it would lie beyond, it is clamped and the other coordinates are
     /// found again.
     pub(super) fn minimiser_within(&self, place: &Place) -> DVec3 {
+        self.minimiser_near(self.mass_point(), place)
+    }
+
+    /// The same, but nearest to a point of one's own.
+    pub(super) fn minimiser_near(&self, start: DVec3, place: &Place) -> DVec3 {
         let mut free = place.fixed.map(|f| f.is_none());
-        let start = place.clamp(self.mass_point());
+        let start = place.clamp(start);
         let mut x = start;
         // Each round but the last takes away an axis at least.
         for _ in 0..4 {

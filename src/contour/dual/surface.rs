@@ -10,6 +10,7 @@ use super::deviation::{Deviation, deviation};
 use super::flips::{FlipMesh, FlipOptions, flip};
 use super::forest::Forest;
 use super::grading::grade;
+use super::merge::{MergeOptions, merge};
 use super::octree::{Bound, Collapses};
 use super::placement::World;
 use super::polygons::Triangles;
@@ -34,13 +35,15 @@ pub struct DualOptions {
     pub bound: Bound,
     /// Where a vertex goes whose best place is outside its block.
     pub placement: Placement,
+    /// Whether vertices are merged beyond the octree's blocks, where the bound is a root mean square.
+    pub merge: bool,
     /// Whether to measure the distance from the unsimplified mesh, which takes about as long as simplifying.
     pub deviation: bool,
 }
 
 impl Default for DualOptions {
     fn default() -> Self {
-        Self { bound: Bound::Rms(0.1), placement: Placement::Clamped, deviation: true }
+        Self { bound: Bound::Rms(0.1), placement: Placement::Clamped, merge: true, deviation: true }
     }
 }
 
@@ -65,6 +68,10 @@ pub struct Statistics {
     pub remedy: Remedy,
     /// Edges flipped for better triangles.
     pub flips: u64,
+    /// Vertices merged into another one.
+    pub merged: u64,
+    /// Merges taken back because triangles met.
+    pub merges_undone: u64,
 }
 
 /// A labelled surface in the world.
@@ -99,16 +106,35 @@ impl Builder {
         let DualOptions { bound, placement, .. } = *options;
         let mut costs = CostLog::default();
         let mut forest = Forest::new(costs.measure("leaves", || self.into_leaves()));
-        let bound = match bound {
-            Bound::Triangles(wanted) => bound_for(&mut forest, wanted, placement, border, execution)?,
-            bound => bound,
+        let (bound, wanted) = match bound {
+            Bound::Triangles(wanted) => {
+                (bound_for(&mut forest, wanted, options, border, execution)?, Some(wanted))
+            }
+            bound => (bound, None),
         };
-        let graded = costs.measure("collapse", || grow(&mut forest, bound, placement, execution))?;
+        let octree = octree_bound(bound, options.merge);
+        let graded = costs.measure("collapse", || grow(&mut forest, octree, placement, execution))?;
         let grid = forest.leaves.grid.clone();
         let world = World::new(geometry, &grid);
         let stage = execution.stage(MENDING, 0);
-        let making = Making { bound, placement, border, world: &world, execution };
-        let (vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
+        let making = Making { bound: octree, placement, border, world: &world, execution };
+        let (mut vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
+        let polygons = census::polygons(&forest, &vertices, border);
+        let nodes = census::nodes(&forest, &vertices);
+        let (mut merged, mut merges_undone) = (0, 0);
+        if let (Bound::Rms(rms), true) = (bound, options.merge) {
+            // Down to a number of triangles: the number decides, not the tolerance.
+            let part = if wanted.is_some() { 1.0 } else { MERGE_PART };
+            let options = MergeOptions {
+                tolerance: rms * part,
+                edge: geometry.voxel_edge(),
+                wanted: wanted.unwrap_or(0),
+            };
+            let merges = costs
+                .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
+            vertices.become_part_of(&merges.survivors);
+            (merged, merges_undone) = (merges.count, merges.undone);
+        }
         let mut flips = 0;
         if let Some(tolerance) = tolerance(bound) {
             let options = FlipOptions {
@@ -126,12 +152,11 @@ impl Builder {
                 deviation(&forest, &vertices, &made, placement, &world, geometry.voxel_edge())
             })
         });
-        let polygons = census::polygons(&forest, &vertices, border);
         let before = 2 * polygons.iter().map(|n| n.crossings).sum::<u64>();
         let fewer = before.saturating_sub(made.triangles.len() as u64);
         let statistics = Statistics {
             bound,
-            nodes: census::nodes(&forest, &vertices),
+            nodes,
             polygons,
             simplification_percent: 100.0 * fewer as f64 / before.max(1) as f64,
             deviation,
@@ -139,6 +164,8 @@ impl Builder {
             graded,
             remedy,
             flips,
+            merged,
+            merges_undone,
         };
         drop(stage);
         execution.check()?;
@@ -161,32 +188,56 @@ fn grow(
     Ok(graded)
 }
 
+/// The part of the tolerance that the octree may use where merging follows, and that merging may use. With these the
+/// error to the truth is no larger than that of the octree alone with all of the tolerance, which leaves much of it
+/// unused in most places; fewer triangles are left and better ones (docs/dual.md).
+const OCTREE_PART: f64 = 0.5;
+/// See [`OCTREE_PART`].
+const MERGE_PART: f64 = 0.65;
+
+/// The octree's bound.
+fn octree_bound(bound: Bound, merge: bool) -> Bound {
+    match bound {
+        Bound::Rms(rms) if merge => Bound::Rms(rms * OCTREE_PART),
+        bound => bound,
+    }
+}
+
 /// Steps of the search for a bound.
 const SEARCH_STEPS: usize = 12;
+/// How many times the triangles wanted the octree shall have where merging follows.
+const BEFORE_MERGING: u64 = 3;
 
-/// The bound that comes nearest to a number of triangles, found by bisection of its logarithm between a
-/// thousandth of a voxel and 30 voxels.
+/// The bound for a number of triangles. It is found by bisection of its logarithm between a thousandth of a
+/// voxel and 30 voxels; where merging follows, as the one whose octree has some times as many, or, of an
+/// unsimplified mesh that has not, half of what is too many.
 fn bound_for(
     forest: &mut Forest,
     wanted: u64,
-    placement: Placement,
+    options: &DualOptions,
     border: Border,
     execution: &Execution,
 ) -> Result<Bound, ContourError> {
     let mut count = |bound: Bound| {
-        grow(forest, bound, placement, execution)?;
+        grow(forest, octree_bound(bound, options.merge), options.placement, execution)?;
         Ok::<_, ContourError>(census::triangles(forest, &Vertices::numbered(forest), border))
     };
-    let mut best = (count(Bound::None)?.abs_diff(wanted), Bound::None);
+    let all = count(Bound::None)?;
+    if all <= wanted {
+        return Ok(Bound::None);
+    }
+    let sought =
+        if options.merge { wanted.saturating_mul(BEFORE_MERGING).min(wanted.midpoint(all)) } else { wanted };
+    let mut best = (all.abs_diff(sought), Bound::None);
     let (mut low, mut high) = (1e-3f64, 30.0f64);
     for _ in 0..SEARCH_STEPS {
         let middle = (low * high).sqrt();
         let found = count(Bound::Rms(middle))?;
-        let off = found.abs_diff(wanted);
+        let off = found.abs_diff(sought);
         if off < best.0 {
             best = (off, Bound::Rms(middle));
         }
-        if found > wanted {
+        if found > sought {
             low = middle;
         } else {
             high = middle;

@@ -100,6 +100,11 @@ impl Vertices {
         first as usize..self.ends[root] as usize
     }
 
+    /// Lets the leaves of each vertex be those of another one.
+    pub(super) fn become_part_of(&mut self, survivors: &[u32]) {
+        self.of_leaf.par_iter_mut().filter(|v| **v != NONE).for_each(|v| *v = survivors[*v as usize]);
+    }
+
     fn push(&mut self, vertices: &[Vertex], of_leaf: impl Iterator<Item = u32>) {
         let first = self.all.len() as u32;
         self.all.extend_from_slice(vertices);

@@ -1,7 +1,6 @@
 //! Edges: boundary, uses per shell, order of materials round them, duplicate triangles.
 
-use std::cmp::Ordering;
-
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::defects::{Defects, EdgeDefect};
@@ -9,7 +8,7 @@ use super::{ShellCounts, Wrong, has_shell, pair_defect};
 use crate::execution::{Cancelled, Execution};
 use crate::grid::MaterialId;
 use crate::mesh::window::Window;
-use crate::triangle::{EdgeTable, EdgeUse, Plane, side};
+use crate::triangle::{EdgeTable, EdgeUse, in_turn};
 
 /// Checks the edges that the window owns and enters what is wrong in `defects` and `counts`.
 pub(super) fn check(
@@ -153,36 +152,12 @@ impl Part<'_> {
         };
         // With two triangles the order round the edge is always the same.
         uses.len() == 2 && matches_up(uses)
-            || uses.len() > 2 && self.by_angle(ends, uses).is_none_or(|around| matches_up(&around))
-    }
-
-    /// The triangles in order round the edge; `None` if two lie on each other or one has no area.
-    fn by_angle(&self, ends: [u32; 2], uses: &[EdgeUse]) -> Option<Vec<EdgeUse>> {
-        let point = |v: u32| self.window.positions()[v as usize];
-        let [u, v] = ends.map(point);
-        let tip = |of: EdgeUse| point(self.third(ends, of));
-        let zero = tip(uses[0]);
-        let plane = Plane::showing(&[u, v, zero])?;
-        let sector = |of: &EdgeUse| match side(u, v, zero, tip(*of)) {
-            Ordering::Less => 1, // up to half a turn on, by the sign rule of orient3d
-            Ordering::Greater => 3,
-            Ordering::Equal if plane.turn(u, v, zero) == plane.turn(u, v, tip(*of)) => 0,
-            Ordering::Equal => 2,
-        };
-        let mut around: Vec<(u8, EdgeUse)> = uses.iter().map(|of| (sector(of), *of)).collect();
-        if uses.iter().any(|of| Plane::showing(&[u, v, tip(*of)]).is_none()) {
-            return None;
-        }
-        let compare = |a: &(u8, EdgeUse), b: &(u8, EdgeUse)| {
-            let within = || match a.0 {
-                0 | 2 => Ordering::Equal,
-                _ => side(u, v, tip(a.1), tip(b.1)),
-            };
-            a.0.cmp(&b.0).then_with(within)
-        };
-        around.sort_by(compare);
-        let tie = around.windows(2).any(|two| compare(&two[0], &two[1]) == Ordering::Equal);
-        (!tie).then(|| around.into_iter().map(|(_, of)| of).collect())
+            || uses.len() > 2 && {
+                let point = |v: u32| self.window.positions()[v as usize];
+                let tips: Vec<(EdgeUse, DVec3)> =
+                    uses.iter().map(|u| (*u, point(self.third(ends, *u)))).collect();
+                in_turn(point(ends[0]), point(ends[1]), &tips).is_none_or(|around| matches_up(&around))
+            }
     }
 }
 
