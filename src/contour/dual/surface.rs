@@ -132,7 +132,7 @@ impl Builder {
             };
             let merges = costs
                 .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
-            vertices.become_part_of(&merges.survivors);
+            vertices.move_leaves(&merges.survivors);
             (merged, merges_undone) = (merges.count, merges.undone);
         }
         let mut flips = 0;

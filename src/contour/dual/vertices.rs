@@ -100,9 +100,9 @@ impl Vertices {
         first as usize..self.ends[root] as usize
     }
 
-    /// Lets the leaves of each vertex be those of another one.
-    pub(super) fn become_part_of(&mut self, survivors: &[u32]) {
-        self.of_leaf.par_iter_mut().filter(|v| **v != NONE).for_each(|v| *v = survivors[*v as usize]);
+    /// Lets the leaves of each vertex be those of the one that the list has in its place.
+    pub(super) fn move_leaves(&mut self, to: &[u32]) {
+        self.of_leaf.par_iter_mut().filter(|v| **v != NONE).for_each(|v| *v = to[*v as usize]);
     }
 
     fn push(&mut self, vertices: &[Vertex], of_leaf: impl Iterator<Item = u32>) {
