@@ -6,7 +6,7 @@
 use glam::{DVec3, Vec3};
 use interfacet::classify::LabelVolume;
 use interfacet::contour::CrossingRule;
-use interfacet::contour::dual::{Bound, Builder, DualOptions, DualSurface, Placement};
+use interfacet::contour::dual::{Bound, Builder, DualOptions, DualSurface};
 use interfacet::contour::hermite::LabelHermite;
 use interfacet::contour::{Border, Hermite, HermiteRule, Patch};
 use interfacet::execution::Execution;
@@ -39,7 +39,7 @@ fn contour(
     bound: Bound,
     border: Border,
 ) -> DualSurface {
-    let options = DualOptions { bound, placement: Placement::Clamped, merge: true, deviation: false };
+    let options = DualOptions { bound, deviation: false, ..DualOptions::default() };
     contour_as(labels, geometry, rule, &options, border)
 }
 

@@ -155,9 +155,10 @@ impl Surface<'_> {
         })?;
         drop(stage);
         costs.add("contour", started.elapsed().as_secs_f64());
-        let bound = method.tolerance.bound(self.geometry, crossings.position_sigma(&qualities));
-        let options =
-            DualOptions { bound, placement: method.placement, merge: !method.octree_only, deviation: true };
+        let noise = crossings.position_sigma(&qualities);
+        let bound = method.tolerance.bound(self.geometry, noise);
+        let (placement, merge) = (method.placement, !method.octree_only);
+        let options = DualOptions { bound, placement, merge, noise, deviation: true };
         let mut surface = builder.finish(self.geometry, &options, self.border, self.execution)?;
         costs.stages.append(&mut surface.costs.stages);
         let statistics = surface.statistics.clone();

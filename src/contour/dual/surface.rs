@@ -37,13 +37,21 @@ pub struct DualOptions {
     pub placement: Placement,
     /// Whether vertices are merged beyond the octree's blocks, where the bound is a root mean square.
     pub merge: bool,
+    /// Standard deviation of the crossings' positions, in voxels of mean edge.
+    pub noise: f64,
     /// Whether to measure the distance from the unsimplified mesh, which takes about as long as simplifying.
     pub deviation: bool,
 }
 
 impl Default for DualOptions {
     fn default() -> Self {
-        Self { bound: Bound::Rms(0.1), placement: Placement::Clamped, merge: true, deviation: true }
+        Self {
+            bound: Bound::Rms(0.1),
+            placement: Placement::Clamped,
+            merge: true,
+            noise: 0.0,
+            deviation: true,
+        }
     }
 }
 
@@ -112,7 +120,7 @@ impl Builder {
             }
             bound => (bound, None),
         };
-        let octree = octree_bound(bound, options.merge);
+        let octree = octree_bound(bound, options);
         let graded = costs.measure("collapse", || grow(&mut forest, octree, placement, execution))?;
         let grid = forest.leaves.grid.clone();
         let world = World::new(geometry, &grid);
@@ -124,12 +132,9 @@ impl Builder {
         let (mut merged, mut merges_undone) = (0, 0);
         if let (Bound::Rms(rms), true) = (bound, options.merge) {
             // Down to a number of triangles: the number decides, not the tolerance.
-            let part = if wanted.is_some() { 1.0 } else { MERGE_PART };
-            let options = MergeOptions {
-                tolerance: rms * part,
-                edge: geometry.voxel_edge(),
-                wanted: wanted.unwrap_or(0),
-            };
+            let tolerance = if wanted.is_some() { rms } else { part(rms, MERGE_PART, options.noise) };
+            let options =
+                MergeOptions { tolerance, edge: geometry.voxel_edge(), wanted: wanted.unwrap_or(0) };
             let merges = costs
                 .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
             vertices.move_leaves(&merges.survivors);
@@ -195,10 +200,18 @@ const OCTREE_PART: f64 = 0.5;
 /// See [`OCTREE_PART`].
 const MERGE_PART: f64 = 0.65;
 
+/// But below this many standard deviations of the crossings' positions hardly anything can be joined.
+const NOISE_PART: f64 = 1.25;
+
+/// A part of a tolerance, or more of it where noise demands it.
+fn part(rms: f64, part: f64, noise: f64) -> f64 {
+    (rms * part).max((NOISE_PART * noise).min(rms))
+}
+
 /// The octree's bound.
-fn octree_bound(bound: Bound, merge: bool) -> Bound {
+fn octree_bound(bound: Bound, options: &DualOptions) -> Bound {
     match bound {
-        Bound::Rms(rms) if merge => Bound::Rms(rms * OCTREE_PART),
+        Bound::Rms(rms) if options.merge => Bound::Rms(part(rms, OCTREE_PART, options.noise)),
         bound => bound,
     }
 }
@@ -219,7 +232,7 @@ fn bound_for(
     execution: &Execution,
 ) -> Result<Bound, ContourError> {
     let mut count = |bound: Bound| {
-        grow(forest, octree_bound(bound, options.merge), options.placement, execution)?;
+        grow(forest, octree_bound(bound, options), options.placement, execution)?;
         Ok::<_, ContourError>(census::triangles(forest, &Vertices::numbered(forest), border))
     };
     let all = count(Bound::None)?;
