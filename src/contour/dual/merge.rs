@@ -56,7 +56,9 @@ const VALENCE: usize = 12;
 const LONGEST: f64 = 32.0;
 /// What an edge's squared length, voxels squared, counts beside the error in squared tolerances.
 const LENGTH: f64 = 0.01;
-/// Refused contractions are tried again every so many rounds.
+/// Refused contractions are tried again when a round carries out less than one in so many of those that are not,
+const SLOW: usize = 32;
+/// and this many rounds after the last time.
 const AGAIN: u32 = 6;
 /// Rounds at most; seen: 49 to 78.
 const ROUNDS: u32 = 200;
@@ -100,13 +102,19 @@ struct Candidate {
     at: DVec3,
     /// Cost without regard to the triangles around.
     cost: f32,
-    /// Whether the triangles around have changed since it was ranked.
-    is_stale: bool,
+    /// The round after which it was ranked.
+    ranked: u32,
     /// The lower, the better; [`REFUSED`] by the triangles around.
     rank: u64,
 }
 
 const REFUSED: u64 = u64::MAX;
+
+impl Candidate {
+    fn is_admitted(&self) -> bool {
+        self.rank != REFUSED
+    }
+}
 
 /// What taking back a merge needs beside the triangles.
 #[derive(Debug, Clone, Copy)]
@@ -207,10 +215,22 @@ fn squared_quality([p, q, r]: [DVec3; 3], cross: DVec3) -> f64 {
     12.0 * cross.length_squared() / (squares * squares).max(f64::MIN_POSITIVE)
 }
 
-/// The latest round that merged each vertex, and that changed a triangle at it.
+/// The latest round, from 1, that merged each vertex, and that changed a triangle at it.
 struct Latest {
     merged: Vec<u32>,
     touched: Vec<u32>,
+}
+
+impl Latest {
+    /// Whether one of a candidate's vertices has been merged since it was ranked: it is another edge now, if any.
+    fn has_merged(&self, c: &Candidate) -> bool {
+        [c.kept, c.gone].iter().any(|&v| self.merged[v as usize] > c.ranked)
+    }
+
+    /// Whether the triangles around have changed since it was ranked.
+    fn has_touched(&self, c: &Candidate) -> bool {
+        [c.kept, c.gone].iter().any(|&v| self.touched[v as usize] > c.ranked)
+    }
 }
 
 /// The mesh between two rounds.
@@ -236,36 +256,51 @@ impl State<'_> {
     fn run(&mut self, execution: &Execution) -> Result<(), Cancelled> {
         let n = self.positions.len();
         let best: Vec<AtomicU64> = (0..n).map(|_| AtomicU64::new(REFUSED)).collect();
-        let mut latest = Latest { merged: vec![u32::MAX; n], touched: vec![u32::MAX; n] };
+        let mut latest = Latest { merged: vec![0; n], touched: vec![0; n] };
         let mut left = self.complex.triangles.len() as u64;
-        let mut candidates: Vec<Candidate> = {
+        let (mut live, mut refused): (Vec<Candidate>, Vec<Candidate>) = {
             let state = &*self;
-            let of = |v: u32| state.candidates_of(v, move |w| w > v);
-            (0..n as u32).into_par_iter().with_min_len(1 << 8).flat_map_iter(of).collect()
+            let of = |v: u32| state.candidates_of(v, 0, move |w| w > v);
+            let all = (0..n as u32).into_par_iter().with_min_len(1 << 8).flat_map_iter(of);
+            all.partition(Candidate::is_admitted)
         };
-        for round in 0..ROUNDS {
+        let mut tried_again = 0;
+        for round in 1..=ROUNDS {
             execution.check()?;
-            let winners = self.winners(&mut candidates, &best);
+            let winners = self.winners(&mut live, &best, &latest, round);
             let merged = self.carry_out_all(&winners, round, &mut left, &mut latest);
             if left <= self.options.wanted {
                 break;
             }
             let state = &*self;
-            candidates.retain(|c| {
-                latest.merged[c.kept as usize] != round && latest.merged[c.gone as usize] != round
-            });
-            let is_touched = |v: u32| latest.touched[v as usize] == round;
-            let again = round % AGAIN == AGAIN - 1 || merged.is_empty();
-            candidates.par_iter_mut().with_min_len(1 << 10).for_each(|c| {
-                c.is_stale |= is_touched(c.kept) || is_touched(c.gone);
-                if again && c.is_stale {
-                    c.rank = state.rank(c);
-                    c.is_stale = false;
+            live.retain(|c| {
+                let stays = c.is_admitted() && !latest.has_merged(c);
+                if !c.is_admitted() {
+                    refused.push(*c);
                 }
+                stays
             });
-            let of = |&v: &u32| state.candidates_of(v, |_| true);
-            candidates.par_extend(merged.par_iter().with_min_len(1 << 4).flat_map_iter(of));
-            if merged.is_empty() && candidates.iter().all(|c| c.rank == REFUSED) {
+            let is_slow = merged.len() * SLOW < live.len() && round - tried_again >= AGAIN;
+            if merged.is_empty() || is_slow {
+                tried_again = round;
+                refused.par_iter_mut().with_min_len(1 << 8).for_each(|c| {
+                    if !latest.has_merged(c) && latest.has_touched(c) {
+                        state.rank_again(c, round);
+                    }
+                });
+                refused.retain(|c| {
+                    if c.is_admitted() {
+                        live.push(*c);
+                    }
+                    !c.is_admitted() && !latest.has_merged(c)
+                });
+            }
+            let of = |&v: &u32| state.candidates_of(v, round, |_| true);
+            let new = merged.par_iter().with_min_len(1 << 4).flat_map_iter(of);
+            let (admitted, not): (Vec<Candidate>, Vec<Candidate>) = new.partition(Candidate::is_admitted);
+            live.extend(admitted);
+            refused.extend(not);
+            if live.is_empty() && tried_again == round {
                 break;
             }
         }
@@ -302,9 +337,15 @@ impl State<'_> {
 
     /// The candidates that are the best of all whose stars share a triangle with theirs, and are not refused at a
     /// second look, by rank.
-    fn winners(&self, candidates: &mut [Candidate], best: &[AtomicU64]) -> Vec<Candidate> {
+    fn winners(
+        &self,
+        candidates: &mut [Candidate],
+        best: &[AtomicU64],
+        latest: &Latest,
+        round: u32,
+    ) -> Vec<Candidate> {
         best.par_iter().with_min_len(1 << 12).for_each(|b| b.store(REFUSED, Relaxed));
-        candidates.par_iter().with_min_len(1 << 10).filter(|c| c.rank != REFUSED).for_each(|c| {
+        candidates.par_iter().with_min_len(1 << 10).for_each(|c| {
             best[c.kept as usize].fetch_min(c.rank, Relaxed);
             best[c.gone as usize].fetch_min(c.rank, Relaxed);
         });
@@ -312,16 +353,14 @@ impl State<'_> {
         let wins = |c: &Candidate| {
             let ends = [c.kept, c.gone];
             let around = |v: u32| self.complex.star(v).flat_map(|(_, t)| t);
-            c.rank != REFUSED
-                && ends.into_iter().all(|v| best(v) == c.rank)
+            ends.into_iter().all(|v| best(v) == c.rank)
                 && ends.into_iter().flat_map(around).all(|v| best(v) >= c.rank)
         };
         let look = |c: &mut Candidate| {
-            if c.is_stale {
-                c.rank = self.rank(c);
-                c.is_stale = false;
+            if latest.has_touched(c) {
+                self.rank_again(c, round - 1);
             }
-            (c.rank != REFUSED).then_some(*c)
+            c.is_admitted().then_some(*c)
         };
         let winners = candidates.par_iter_mut().with_min_len(1 << 8).filter(|c| wins(c)).filter_map(look);
         let mut winners: Vec<Candidate> = winners.collect();
@@ -329,12 +368,20 @@ impl State<'_> {
         winners
     }
 
-    /// The edges from `v` to the neighbours that are `wanted`, as far as they are candidates.
-    fn candidates_of(&self, v: u32, wanted: impl Fn(u32) -> bool) -> impl Iterator<Item = Candidate> {
-        self.complex.neighbours(v).filter(move |&w| wanted(w)).filter_map(move |w| self.candidate(v, w))
+    /// The edges from `v` to the neighbours that are `wanted`, as far as they are candidates, ranked after `round`.
+    fn candidates_of(
+        &self,
+        v: u32,
+        round: u32,
+        wanted: impl Fn(u32) -> bool,
+    ) -> impl Iterator<Item = Candidate> {
+        self.complex
+            .neighbours(v)
+            .filter(move |&w| wanted(w))
+            .filter_map(move |w| self.candidate(v, w, round))
     }
 
-    fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
+    fn candidate(&self, a: u32, b: u32, round: u32) -> Option<Candidate> {
         let order = |v: u32| (self.complex.kind(v), self.sites[v as usize].sides.count_ones());
         let (kept, gone) = match order(a).cmp(&order(b)) {
             Ordering::Greater => (a, b),
@@ -365,8 +412,8 @@ impl State<'_> {
             return None;
         }
         let cost = planes.error(at) / limit.max(f64::MIN_POSITIVE) + LENGTH * length * length;
-        let mut candidate = Candidate { kept, gone, at, cost: cost as f32, is_stale: false, rank: REFUSED };
-        candidate.rank = self.rank(&candidate);
+        let mut candidate = Candidate { kept, gone, at, cost: cost as f32, ranked: round, rank: REFUSED };
+        self.rank_again(&mut candidate, round);
         Some(candidate)
     }
 
@@ -378,6 +425,12 @@ impl State<'_> {
         } else {
             self.world.place(0, candidate.at)
         }
+    }
+
+    /// Ranks a candidate by the triangles around it as they are after `round`.
+    fn rank_again(&self, candidate: &mut Candidate, round: u32) {
+        candidate.rank = self.rank(candidate);
+        candidate.ranked = round;
     }
 
     /// Rank among all that the triangles around an edge allow.

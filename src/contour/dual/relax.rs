@@ -29,15 +29,20 @@ const LOW: f64 = 0.3;
 
 /// Moves the vertices, whose planes are `qefs`, by root.
 pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>], bound: Bound) {
-    let mover = Mover::new(forest, vertices, qefs);
+    let mut mover = Mover::new(forest, vertices, qefs);
     let certain: Vec<Vec<Certain>> =
         qefs.par_iter().map(|own| own.iter().map(|qef| Certain::new(&qef.matrix())).collect()).collect();
     for _ in 0..STEPS {
         let free = |_, [root, k]: [usize; 2], d| Some(certain[root][k].leaves_open(d));
         mover.step(vertices, free, |error, count| bound.admits(error, count));
     }
+    // Only what these steps move, and what is around it, is looked at again.
+    let first = mover.beside_slivers(vertices);
+    let near = mover.touched(&first);
+    mover.rings.par_iter_mut().for_each(|rings| rings.retain(|ring| any(ring, &near)));
     for _ in 0..SLIVER_STEPS {
-        let beside = mover.beside_slivers(vertices);
+        let mut beside = mover.beside_slivers(vertices);
+        beside.par_iter_mut().zip(&near).for_each(|(beside, near)| *beside &= near);
         let admits = |error, count| bound.admits(error, count) || SLIVER.admits(error, count);
         mover.step(vertices, |v: usize, _, d| beside[v].then_some(d), admits);
     }
@@ -133,6 +138,14 @@ impl<'a> Mover<'a> {
         out
     }
 
+    /// Flags the vertices of all rings that have a flagged one.
+    fn touched(&self, flags: &[bool]) -> Vec<bool> {
+        let mut out = vec![false; flags.len()];
+        let touched = self.rings.iter().flatten().filter(|ring| any(ring, flags)).flatten();
+        touched.filter(|&&v| v != NONE).for_each(|&v| out[v as usize] = true);
+        out
+    }
+
     /// For each vertex of a root the sum of its neighbours' places along the sides of polygons, and their number.
     fn neighbour_sums(&self, vertices: &Vertices, root: usize) -> Vec<(DVec3, f64)> {
         let own = vertices.in_root(root);
@@ -154,6 +167,11 @@ impl<'a> Mover<'a> {
         }
         sums
     }
+}
+
+/// Whether a ring has a flagged vertex.
+fn any(ring: &[u32; 4], flags: &[bool]) -> bool {
+    ring.iter().any(|&v| v != NONE && flags[v as usize])
 }
 
 /// A step as far as error and block allow: all of it, half, or none.
