@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::{DualMethod, MeshSink, Method, PipelineError, Tolerance};
+use super::{DualMethod, MeshSink, Method, PipelineError};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
 use crate::contour::dual::{Bound, Builder, DualOptions, Statistics};
 use crate::contour::hermite::{GreyHermite, HALO, LabelHermite, PairQuality, Qualities};
@@ -26,9 +26,11 @@ pub(super) fn reach(method: &Method) -> usize {
     }
 }
 
-/// Bytes that dual contouring takes for each crossing, at its peak, if it simplifies and if not.
-const SIMPLIFIED: u64 = 130;
-const UNSIMPLIFIED: u64 = 420;
+/// Bytes that dual contouring takes for each crossing, at its peak (docs/performance.md): in the octree alone, with
+/// merging after it, and without simplification.
+const OCTREE: u64 = 130;
+const MERGED: u64 = 290;
+const UNSIMPLIFIED: u64 = 530;
 
 /// Where labels come from, and what decides the position of crossings.
 pub(super) enum Crossings<'a> {
@@ -151,7 +153,7 @@ impl Surface<'_> {
                     builder.add(&labels, &rule, layers, self.execution, &stage)?;
                 }
             }
-            self.check_memory(builder.crossings(), core.end, method.tolerance)
+            self.check_memory(builder.crossings(), core.end, method)
         })?;
         drop(stage);
         costs.add("contour", started.elapsed().as_secs_f64());
@@ -170,9 +172,12 @@ impl Surface<'_> {
 
 impl Surface<'_> {
     /// Refuses a surface that the budget cannot hold as a whole, after its crossings in the first `slices`.
-    fn check_memory(&self, crossings: u64, slices: usize, tolerance: Tolerance) -> Result<(), PipelineError> {
-        let simplified = tolerance.bound(self.geometry, 0.0) != Bound::None;
-        let each = if simplified { SIMPLIFIED } else { UNSIMPLIFIED };
+    fn check_memory(&self, crossings: u64, slices: usize, method: &DualMethod) -> Result<(), PipelineError> {
+        let each = match method.tolerance.bound(self.geometry, 0.0) {
+            Bound::None => UNSIMPLIFIED,
+            Bound::Rms(_) | Bound::Triangles(_) if !method.octree_only => MERGED,
+            _ => OCTREE,
+        };
         let size = self.geometry.size();
         match self.execution.memory() {
             Some(budget) if crossings * each > budget => {
