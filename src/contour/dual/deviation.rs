@@ -1,5 +1,7 @@
 //! How far the simplified surface lies from the unsimplified one.
 
+use std::collections::BTreeSet;
+
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -22,6 +24,11 @@ pub struct Deviation {
 
 /// A distance, in voxels, that no look at further triangles can lower enough to matter.
 const NEAR: f64 = 0.01;
+
+/// Where no triangle is nearer than this, in voxels, more of them are looked at: so many edges away.
+const FAR: f64 = 0.5;
+/// See [`FAR`].
+const RINGS: usize = 4;
 
 /// Measures it. A vertex is compared with the triangles around the vertex that it became part of, and, where
 /// it is not near them, with those around their other corners: an upper bound of the distance.
@@ -52,7 +59,8 @@ pub(super) fn deviation(
                     continue;
                 }
                 let at = leaves.vertex(root, leaf, qef, placement);
-                let Some(distance) = around.distance(vertex, world.place(root.number, at), NEAR * edge)
+                let Some(distance) =
+                    around.distance(vertex, world.place(root.number, at), [NEAR * edge, FAR * edge])
                 else {
                     continue;
                 };
@@ -104,31 +112,52 @@ impl<'a> Around<'a> {
         &self.triangles[self.first[vertex as usize] as usize..self.first[vertex as usize + 1] as usize]
     }
 
-    /// Distance from `p` to the triangles around a vertex and, if none is as near as `near`, to those
-    /// around its neighbours; `None` for a vertex without triangles.
-    fn distance(&self, vertex: u32, p: DVec3, near: f64) -> Option<f64> {
-        let least = |vertex: u32, mut best: f64| {
-            for &t in self.of(vertex) {
-                let (middle, radius) = self.spheres[t as usize];
-                // Nothing in its sphere is nearer.
-                if p.distance_squared(middle) < (best + radius) * (best + radius) {
-                    let corners = self.made.triangles[t as usize].map(|v| self.made.positions[v as usize]);
-                    best = best.min(squared_distance(p, corners).sqrt());
-                }
-            }
-            best
-        };
-        let mut best = least(vertex, f64::INFINITY);
+    /// Distance from `p` to the triangles around a vertex and, if none is as near as `near`, to those around its
+    /// neighbours, and if none is as near as `far`, to those some rings further out; `None` for a vertex without
+    /// triangles.
+    fn distance(&self, vertex: u32, p: DVec3, [near, far]: [f64; 2]) -> Option<f64> {
+        let mut best = self.least(vertex, p, f64::INFINITY);
         if best > near {
-            for &t in self.of(vertex) {
-                for v in self.made.triangles[t as usize] {
-                    if v != vertex {
-                        best = least(v, best);
-                    }
-                }
+            for v in self.neighbours(vertex) {
+                best = self.least(v, p, best);
             }
         }
+        if best > far {
+            best = self.least_around(vertex, p, best);
+        }
         best.is_finite().then_some(best)
+    }
+
+    /// The corners of the triangles around a vertex but itself, most of them twice.
+    fn neighbours(&self, vertex: u32) -> impl Iterator<Item = u32> {
+        let corners = self.of(vertex).iter().flat_map(|&t| self.made.triangles[t as usize]);
+        corners.filter(move |&v| v != vertex)
+    }
+
+    /// The distance to the triangles around a vertex, if it is less than `best`.
+    fn least(&self, vertex: u32, p: DVec3, mut best: f64) -> f64 {
+        for &t in self.of(vertex) {
+            let (middle, radius) = self.spheres[t as usize];
+            // Nothing in its sphere is nearer.
+            if p.distance_squared(middle) < (best + radius) * (best + radius) {
+                let corners = self.made.triangles[t as usize].map(|v| self.made.positions[v as usize]);
+                best = best.min(squared_distance(p, corners).sqrt());
+            }
+        }
+        best
+    }
+
+    /// The same for all vertices up to [`RINGS`] edges away.
+    fn least_around(&self, vertex: u32, p: DVec3, mut best: f64) -> f64 {
+        let mut seen = BTreeSet::from([vertex]);
+        let mut ring = vec![vertex];
+        for _ in 0..RINGS {
+            let next: BTreeSet<u32> = ring.iter().flat_map(|&v| self.neighbours(v)).collect();
+            ring = next.difference(&seen).copied().collect();
+            best = ring.iter().fold(best, |best, &v| self.least(v, p, best));
+            seen.extend(&ring);
+        }
+        best
     }
 }
 
