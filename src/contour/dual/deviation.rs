@@ -47,11 +47,7 @@ pub(super) fn deviation(
         .map(|(_, root)| {
             let first = root.leaves.start;
             let mut qefs = vec![Qef::default(); root.leaves.len()];
-            leaves.crossings_of(root, |_, crossing, at| {
-                for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
-                    leaves.add_plane(&mut qefs[(leaf - first) as usize], root, leaf, crossing, at);
-                }
-            });
+            leaves.add_planes(root, &mut qefs, |leaf| (leaf - first) as usize);
             let (mut sum, mut maximum, mut count) = (0.0, 0.0f64, 0);
             for (leaf, qef) in root.leaves.clone().zip(&qefs) {
                 let vertex = vertices.of_leaf[leaf as usize];

@@ -225,6 +225,15 @@ impl Leaves {
         qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
     }
 
+    /// Adds the planes of all leaves of a root: those of a leaf to the QEF that `number` gives for it.
+    pub(super) fn add_planes(&self, root: &Root, qefs: &mut [Qef], number: impl Fn(u32) -> usize) {
+        self.crossings_of(root, |_, crossing, at| {
+            for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
+                self.add_plane(&mut qefs[number(leaf)], root, leaf, crossing, at);
+            }
+        });
+    }
+
     /// The sides of the volume that a leaf's cell reaches beyond; there its vertex lies.
     pub(super) fn sides(&self, root: &Root, leaf: u32) -> u8 {
         let (low, at) = (self.grid.low(root.number), place(self.places[leaf as usize]));

@@ -182,12 +182,7 @@ fn sites(forest: &Forest, vertices: &Vertices, count: usize) -> Vec<Site> {
         .map(|(i, root)| {
             let own = vertices.in_root(i);
             let mut planes = vec![Qef::default(); own.len()];
-            leaves.crossings_of(root, |_, crossing, at| {
-                for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
-                    let v = vertices.of_leaf[leaf as usize] as usize - own.start;
-                    leaves.add_plane(&mut planes[v], root, leaf, crossing, at);
-                }
-            });
+            leaves.add_planes(root, &mut planes, |leaf| vertices.of_leaf[leaf as usize] as usize - own.start);
             let low = leaves.grid.low(root.number).map(|c| c as f64);
             let offset = DVec3::from(low) * leaves.grid.cell;
             let site = |(vertex, planes): (&super::vertices::Vertex, Qef)| Site {

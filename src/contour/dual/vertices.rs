@@ -171,12 +171,7 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
         of_leaf[(leaf - first) as usize] = number;
     }
     let mut qefs = vec![Qef::default(); out.len()];
-    leaves.crossings_of(root, |_, crossing, at| {
-        for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
-            let v = of_leaf[(leaf - first) as usize] as usize;
-            leaves.add_plane(&mut qefs[v], root, leaf, crossing, at);
-        }
-    });
+    leaves.add_planes(root, &mut qefs, |leaf| of_leaf[(leaf - first) as usize] as usize);
     for (vertex, qef) in out.iter_mut().zip(&qefs) {
         let bounds = forest.block(vertex.owner).bounds(&leaves.grid);
         let place = Place { bounds, fixed: leaves.grid.fixed(root.number, vertex.sides) };
