@@ -52,7 +52,7 @@ pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>],
 struct Mover<'a> {
     forest: &'a Forest,
     qefs: &'a [Vec<Qef>],
-    /// The middles of roots, in lengths about the middle of root 0.
+    /// The middles of roots, in lengths from the lowest corner of root 0.
     middle: Vec<DVec3>,
     /// For each root the rings, in vertices, that reach it and are no single vertex.
     rings: Vec<Vec<[u32; 4]>>,
@@ -106,7 +106,7 @@ impl<'a> Mover<'a> {
             .for_each(|(vertex, position)| vertex.position = position);
     }
 
-    /// Where a vertex lies, in lengths about the middle of root 0.
+    /// Where a vertex lies, in lengths from the lowest corner of root 0.
     fn at(&self, vertices: &Vertices, v: u32) -> DVec3 {
         let vertex = &vertices.all[v as usize];
         vertex.position + self.middle[vertex.root as usize]
