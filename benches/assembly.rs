@@ -14,7 +14,7 @@ use std::error::Error;
 
 use interfacet::execution::peak_memory;
 use interfacet::grid::Geometry;
-use interfacet::material::{estimate_blur, find_materials};
+use interfacet::material::{ScanQuality, find_materials};
 use interfacet::mesh::{InterfaceMesh, MeshMaterial};
 use rayon::ThreadPoolBuilder;
 use scene::{Clock, ENGINE, STAGES, Scene, median};
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let found = find_materials(scene.slab(), None)?;
     let means: Vec<f64> = found.table.materials().iter().map(|m| m.mean).collect();
     println!("find materials      {:8.3} s: {means:.0?}", clock.lap());
-    let blur = estimate_blur(scene.slab(), &geometry, &found.table);
+    let blur = ScanQuality::of(scene.slab(), &geometry, &found.table).blur;
     println!("estimate blur       {:8.3} s: R {:.2?}", clock.lap(), blur.radius);
     let mesh = InterfaceMesh::from_patch(patch, &geometry, MeshMaterial::from_table(&scene.table))?;
     println!("to the world        {:8.3} s: {} triangles", clock.lap(), mesh.triangles().len());

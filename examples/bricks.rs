@@ -15,7 +15,7 @@ use interfacet::classify::{Brick, Passes, Schedule, Sweep, SweepReport};
 use interfacet::contour::marching::march_pieces;
 use interfacet::contour::{ContourError, Piece, Thresholds, layers_of, merge};
 use interfacet::export::{PlyOptions, write_ply};
-use interfacet::material::{Blur, Found, Survey, read_blur};
+use interfacet::material::{Blur, Found, ScanQuality, Survey};
 use interfacet::mesh::MeshMaterial;
 use interfacet::volume::{OpenOptions, Sample, SampleWindow, open};
 use interfacet::{
@@ -131,7 +131,7 @@ fn survey<S: Sample>(source: &dyn VolumeSource) -> Outcome<(MaterialTable, Blur)
     let execution = Execution::default();
     let mut window = SampleWindow::<S>::new(source, &execution)?;
     let Found { table, .. } = Survey::read(&mut window, None, SLICES)?.find_materials(None)?;
-    let blur = read_blur(&mut window, source.geometry(), &table, SLICES)?;
+    let blur = ScanQuality::read(&mut window, source.geometry(), &table, SLICES)?.blur;
     Ok((table, blur))
 }
 

@@ -20,8 +20,8 @@ use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, Found, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, SliceThresholds, Survey,
-    TwoClasses, radius_per_axis, read_blur,
+    Blur, EdgeProfile, Found, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, ScanQuality,
+    SliceThresholds, Survey, TwoClasses, radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshMaterial};
 use crate::volume::{Denoised, Sample, SampleWindow, VolumeSource};
@@ -54,6 +54,8 @@ pub struct Findings {
     pub iso: Option<IsoFound>,
     /// The blur and the radius used; `None` for a volume of labels.
     pub blur: Option<Blur>,
+    /// All clean interfaces on each other; `None` if there were too few or nobody looked.
+    pub edge_profile: Option<EdgeProfile>,
     /// Voxels per class after each pass; `None` for a volume of labels.
     pub classification: Option<ClassifyCounts>,
     /// Voxels of each material in the end.
@@ -209,7 +211,7 @@ impl<S: Sample> Run<'_, S> {
     fn greys(mut self, choice: &MaterialChoice, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
         let geometry = self.source.geometry().clone();
         let Found { table: materials, rejected } = self.materials(choice)?;
-        let blur = self.blur(&materials)?;
+        let ScanQuality { blur, profile } = self.quality(&materials)?;
         let (blur, Classified { store, counts }) = self.classify(&materials, blur)?;
         if let [material] = present(&materials, &counts.labelled)[..] {
             return Err(PipelineError::NoInterface { material: material.into() });
@@ -240,6 +242,7 @@ impl<S: Sample> Run<'_, S> {
             rejected,
             iso: None,
             blur: Some(blur),
+            edge_profile: profile,
             voxels: counts.labelled.clone(),
             dual,
             classification: Some(counts),
@@ -284,6 +287,7 @@ impl<S: Sample> Run<'_, S> {
             rejected,
             iso: None,
             blur,
+            edge_profile: None,
             classification,
             voxels,
             dual,
@@ -341,6 +345,7 @@ impl<S: Sample> Run<'_, S> {
             rejected,
             iso: Some(iso),
             blur,
+            edge_profile: None,
             classification,
             voxels,
             dual,
@@ -378,15 +383,16 @@ impl<S: Sample> Run<'_, S> {
         found
     }
 
-    fn blur(&mut self, materials: &MaterialTable) -> Result<Blur, PipelineError> {
+    /// How blurred the scan is; a radius that is given says nothing of it.
+    fn quality(&mut self, materials: &MaterialTable) -> Result<ScanQuality, PipelineError> {
         let geometry = self.source.geometry();
         if let Some(radius) = self.options.radius {
-            return Ok(Blur::given(radius, geometry));
+            return Ok(ScanQuality { blur: Blur::given(radius, geometry), profile: None });
         }
         let _stage = self.execution.stage(STAGES[1].0, 0);
         let slices = self.survey_slices()?;
         let window = &mut self.window;
-        Ok(self.costs.measure("blur", || read_blur(window, geometry, materials, slices))?)
+        Ok(self.costs.measure("blur", || ScanQuality::read(window, geometry, materials, slices))?)
     }
 
     /// A window that has read everything keeps everything: only right if there is room for it later.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::input::InputArgs;
 use crate::execution::Execution;
 use crate::grid::Geometry;
-use crate::material::{Blur, Found, GreyCounts, Survey, read_blur};
+use crate::material::{Blur, EdgeProfile, Found, GreyCounts, ScanQuality, Survey};
 use crate::volume::{Sample, SampleType, SampleWindow, VolumeSource};
 use crate::with_sample_type;
 
@@ -72,8 +72,8 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
     let materials = match survey.find_materials(None) {
         Ok(materials) => {
             drop(survey);
-            let blur = read_blur(&mut window, geometry, &materials.table, thickness)?;
-            Materials::Found { materials, blur }
+            let quality = ScanQuality::read(&mut window, geometry, &materials.table, thickness)?;
+            Materials::Found { materials, blur: quality.blur, profile: quality.profile }
         }
         Err(error) => Materials::NotFound { reason: error.to_string() },
     };
@@ -84,7 +84,7 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Materials {
-    Found { materials: Found, blur: Blur },
+    Found { materials: Found, blur: Blur, profile: Option<EdgeProfile> },
     NotFound { reason: String },
 }
 
@@ -92,7 +92,7 @@ impl Materials {
     fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         let (found, blur) = match self {
             Self::NotFound { reason } => return writeln!(out, "\nno materials: {reason}"),
-            Self::Found { materials, blur } => (materials, blur),
+            Self::Found { materials, blur, .. } => (materials, blur),
         };
         writeln!(
             out,
@@ -109,7 +109,11 @@ impl Materials {
         }
         let [x, y, z] = blur.radius;
         match blur.sigma_mm {
-            Some(s) => writeln!(out, "blur: sigma {s:.4} mm, radius R {x:.2} x {y:.2} x {z:.2} voxels"),
+            Some(s) => {
+                writeln!(out, "blur: sigma {s:.4} mm, radius R {x:.2} x {y:.2} x {z:.2} voxels")?;
+                let [x, y, z] = blur.sigma_axes_mm.unwrap_or([s; 3]);
+                writeln!(out, "      sigma {x:.4} x {y:.4} x {z:.4} mm along the axes")
+            }
             None => writeln!(
                 out,
                 "blur: too few clean interfaces to measure, radius R {x:.2} x {y:.2} x {z:.2} voxels taken"

@@ -1,14 +1,12 @@
-//! The plain way to find materials and blur, which looks at the whole volume again for every question:
+//! The plain way to find materials, which looks at the whole volume again for every question:
 //! what the survey must agree with to the last bit.
 
 use rayon::prelude::*;
 
-use super::blur::{Blur, DEFAULT_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, radius_per_axis};
 use super::deep::Moments;
 use super::find::{Class, FindError, Found, MIN_INSIDE_SHARE, default_name, mean, reject};
 use super::histogram::Histogram;
-use super::table::{Material, MaterialTable};
-use crate::grid::Geometry;
+use super::table::MaterialTable;
 use crate::volume::Sample;
 
 const BINS: usize = 256;
@@ -19,11 +17,6 @@ const DARKER_THAN_AIR: f64 = 0.05;
 const MAX_DEPTH: usize = 3;
 const MIN_VOXELS: u64 = 100;
 const MIN_SHARE: f64 = 0.05;
-const REACH: usize = 6;
-const MIN_COSINE: f64 = 0.9;
-const PLATEAU: f64 = 0.12;
-const MIN_PROFILES: usize = 200;
-type Profile = [(f64, f64); 2 * REACH + 1];
 
 /// Interior voxels (those with a full 3 x 3 x 3 neighbourhood) on a regular grid of about `wanted`
 /// points: the same points for any number of threads. Empty if an axis has fewer than 3 voxels.
@@ -292,108 +285,4 @@ fn shell(voxel: [usize; 3], d: usize) -> impl Iterator<Item = [usize; 3]> {
         let steps = [i % 3, i / 3 % 3, i / 9];
         std::array::from_fn(|a| voxel[a] + steps[a] * d - d)
     })
-}
-
-/// Estimates the blur of a volume (x fastest).
-#[must_use]
-pub(super) fn estimate_blur<S: Sample>(
-    samples: &[S],
-    geometry: &Geometry,
-    materials: &MaterialTable,
-) -> Blur {
-    let size = geometry.size();
-    let spacing = geometry.spacing();
-    let edge = geometry.voxel_edge();
-    let grid = interior_grid(size, 4_000_000);
-    let mut sigmas: Vec<f64> = grid
-        .par_iter()
-        .flat_map_iter(|&voxel| {
-            (0..3).filter_map(move |axis| profile(samples, size, spacing, materials, voxel, axis))
-        })
-        .map(|profile| fit_sigma(&profile) / edge)
-        .collect();
-    let (profiles, middle) = (sigmas.len(), sigmas.len() / 2);
-    let sigma = (profiles >= MIN_PROFILES).then(|| *sigmas.select_nth_unstable_by(middle, f64::total_cmp).1);
-    // Below one voxel a ball has no neighbours; far above the usual, profiles cannot have been clean.
-    let radius = sigma.map_or(DEFAULT_RADIUS, |s| (RADIUS_PER_SIGMA * s).clamp(1.0, 6.0));
-    Blur {
-        sigma_mm: sigma.map(|s| s * edge),
-        profiles,
-        radius: radius_per_axis(radius, geometry).map(|r| r.min(MAX_RADIUS)),
-        lowered_from: None,
-    }
-}
-
-/// The profile through `voxel` along `axis`, if the voxel is the last one before a clean crossing.
-fn profile<S: Sample>(
-    samples: &[S],
-    size: [usize; 3],
-    spacing: [f64; 3],
-    materials: &MaterialTable,
-    voxel: [usize; 3],
-    axis: usize,
-) -> Option<Profile> {
-    if voxel[axis] < REACH || voxel[axis] + REACH + 1 >= size[axis] {
-        return None;
-    }
-    let stride = [1, size[0], size[0] * size[1]];
-    let at = position(size, voxel);
-    let grey = |i: usize| f64::from(samples[i].to_f32());
-    let along = |d: isize| grey(at.wrapping_add_signed(d * stride[axis] as isize));
-    let (first, last) = (along(-(REACH as isize)), along(REACH as isize));
-    let contrast = last - first;
-    let half = 0.5 * (first + last);
-    // The voxel is the last one on the near side of the half.
-    if (along(0) < half) == (along(1) < half) || (along(0) < half) != (first < half) {
-        return None;
-    }
-    let nearest = |v: f64| {
-        let distance = |m: &Material| (m.mean - v).abs();
-        materials.materials().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
-    };
-    let (near, far) = (nearest(first)?, nearest(last)?);
-    let on_plateau = |v: f64, mean: f64| (v - mean).abs() <= PLATEAU * contrast.abs();
-    if near.id == far.id || !on_plateau(first, near.mean) || !on_plateau(last, far.mean) {
-        return None;
-    }
-    // Both ends must be flat, or a third material may begin just beyond.
-    if (along(-(REACH as isize) + 1) - first).abs() > PLATEAU * contrast.abs()
-        || (along(REACH as isize - 1) - last).abs() > PLATEAU * contrast.abs()
-    {
-        return None;
-    }
-    let gradient: [f64; 3] =
-        std::array::from_fn(|a| (grey(at + stride[a]) - grey(at - stride[a])) / (2.0 * spacing[a]));
-    let norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
-    let cosine = gradient[axis].abs() / norm;
-    if cosine.is_nan() || cosine < MIN_COSINE {
-        return None;
-    }
-    let crossing = (half - along(0)) / (along(1) - along(0));
-    let mean = |m: &Material| m.mean;
-    Some(std::array::from_fn(|i| {
-        let d = i as isize - REACH as isize;
-        let mm = (d as f64 - crossing) * spacing[axis] * cosine;
-        (mm, (along(d) - mean(near)) / (mean(far) - mean(near)))
-    }))
-}
-
-/// The sigma of the error function that fits a profile best.
-fn fit_sigma(profile: &Profile) -> f64 {
-    let misfit =
-        |sigma: f64| profile.iter().map(|&(mm, u)| (u - normal_cdf(mm / sigma)).powi(2)).sum::<f64>();
-    // Golden-section search; the misfit has one minimum in sigma.
-    let ratio = 0.5 * (5f64.sqrt() - 1.0);
-    let length = profile[REACH + 1].0 - profile[REACH].0;
-    let (mut low, mut high) = (0.05 * length, 4.0 * length);
-    while high - low > 1e-3 * length {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if misfit(a) < misfit(b) { high = b } else { low = a }
-    }
-    0.5 * (low + high)
-}
-
-/// The standard normal distribution function.
-fn normal_cdf(x: f64) -> f64 {
-    0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
 }

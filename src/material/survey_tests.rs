@@ -27,10 +27,9 @@ fn agree<S: Sample>(source: &dyn VolumeSource, count: Option<usize>, thicknesses
     let given = MaterialTable::new([("a", greys[0]), ("b", greys[1] + 1.0)]).unwrap();
     let measured = reference::measure_statistics(&samples, size, given.clone());
     let table = wanted.as_ref().map_or(&measured, |found| &found.table).clone();
-    let blur = format!("{:?}", reference::estimate_blur(&samples, geometry, &table));
     let slab = Slab::whole(&samples, size);
     assert_eq!(text(&find_materials(slab, count)), text(&wanted));
-    assert_eq!(format!("{:?}", estimate_blur(slab, geometry, &table)), blur);
+    let quality = ScanQuality::of(slab, geometry, &table);
     let execution = Execution::default();
     let mut first: Option<(GreyCounts, u64)> = None;
     for &thickness in thicknesses {
@@ -40,8 +39,11 @@ fn agree<S: Sample>(source: &dyn VolumeSource, count: Option<usize>, thicknesses
         assert_eq!(format!("{:?}", survey.measure_statistics(given.clone())), format!("{measured:?}"));
         let seen = (survey.counts().clone(), survey.crossings(&table));
         assert_eq!(first.get_or_insert_with(|| seen.clone()), &seen, "{thickness}");
-        let found = read_blur(&mut window, geometry, &table, thickness).unwrap();
-        assert_eq!(format!("{found:?}"), blur, "{thickness}");
+        assert_eq!(
+            ScanQuality::read(&mut window, geometry, &table, thickness).unwrap(),
+            quality,
+            "{thickness}"
+        );
     }
 }
 

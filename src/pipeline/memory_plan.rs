@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::PipelineError;
 use crate::classify::{LabelStore, LabelVolume, SlabPlan};
-use crate::material::{BLUR_HALO, survey_bytes};
+use crate::material::{QUALITY_HALO, survey_bytes};
 use crate::volume::{Denoised, SampleType, sweep_bytes};
 
 /// One part in so many of the budget is left to the allocator.
@@ -96,7 +96,7 @@ impl MemoryPlan {
     /// Slices of a slab while materials and blur are looked for.
     pub(super) fn survey(&self) -> Result<usize, PipelineError> {
         let kept = survey_bytes(self.size, self.sample);
-        self.thickest(|slices| self.base + kept + sweep_bytes(self.size, self.sample, slices, BLUR_HALO))
+        self.thickest(|slices| self.base + kept + sweep_bytes(self.size, self.sample, slices, QUALITY_HALO))
     }
 
     /// How to cut the volume for classification, whose passes read `halo` slices on each side. Labels go to

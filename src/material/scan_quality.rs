@@ -1,0 +1,123 @@
+//! One look at a volume whose materials are known: how blurred it is, and how noisy.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::blur::Blur;
+use super::blur_axes::{Fitted, blur};
+use super::edge_fit::fit;
+use super::edge_patches::{Patches, REACH};
+use super::edge_profile::EdgeProfile;
+use super::sampling::steps;
+use super::table::MaterialTable;
+use crate::grid::Geometry;
+use crate::volume::{Sample, SampleWindow, Slab, VolumeError};
+
+/// Slices that this look must see on both sides of those it looks at.
+pub const QUALITY_HALO: usize = REACH + 1;
+
+/// What a scan is like.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanQuality {
+    /// Its blur, and the radius that asks for.
+    pub blur: Blur,
+    /// All interfaces on each other; `None` if there were too few.
+    pub profile: Option<EdgeProfile>,
+}
+
+impl ScanQuality {
+    /// Of a volume in memory.
+    ///
+    /// # Panics
+    /// If the slab does not hold all slices.
+    #[must_use]
+    pub fn of<S: Sample>(slab: Slab<'_, S>, geometry: &Geometry, materials: &MaterialTable) -> Self {
+        let mut look = Look::new(geometry, materials);
+        steps(slab.size()).for_each(|core| look.add(slab, core));
+        look.finish()
+    }
+
+    /// Of a volume in one pass of a window on it, by slabs of `thickness` slices (and [`QUALITY_HALO`]). The
+    /// same for any thickness.
+    ///
+    /// # Errors
+    /// [`VolumeError`] if the volume cannot be read.
+    pub fn read<S: Sample>(
+        window: &mut SampleWindow<'_, S>,
+        geometry: &Geometry,
+        materials: &MaterialTable,
+        thickness: usize,
+    ) -> Result<Self, VolumeError> {
+        let mut look = Look::new(geometry, materials);
+        window.sweep(thickness, QUALITY_HALO, |slab, core| {
+            look.add(slab, core);
+            Ok::<_, VolumeError>(())
+        })?;
+        Ok(look.finish())
+    }
+}
+
+struct Look<'a> {
+    geometry: &'a Geometry,
+    patches: Patches<'a>,
+}
+
+impl<'a> Look<'a> {
+    fn new(geometry: &'a Geometry, materials: &'a MaterialTable) -> Self {
+        Self { geometry, patches: Patches::new(geometry.size(), geometry.spacing(), materials) }
+    }
+
+    fn add<S: Sample>(&mut self, slab: Slab<'_, S>, core: Range<usize>) {
+        self.patches.add(slab, core);
+    }
+
+    fn finish(self) -> ScanQuality {
+        let spacing = self.geometry.spacing();
+        let patches = self.patches.finish();
+        let fitted: Vec<Fitted> = patches
+            .into_par_iter()
+            .filter_map(|(patch, weight)| fit(&patch, spacing).map(|fit| (patch, fit, weight)))
+            .collect();
+        let (blur, profile) = blur(self.geometry, &fitted);
+        ScanQuality { blur, profile }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::DEFAULT_RADIUS;
+    use crate::material::edge_fit::normal_cdf;
+
+    #[test]
+    fn the_blur_of_a_tilted_step_is_found_on_an_anisotropic_lattice() {
+        let size = [40, 30, 30];
+        let spacing = [0.4, 0.4, 0.5];
+        let geometry = Geometry::axis_aligned(size, spacing).unwrap();
+        let n = glam::DVec3::new(1.0, 0.2, 0.15).normalize();
+        for sigma in [0.35, 0.5, 0.8] {
+            let samples: Vec<u16> = (0..36_000)
+                .map(|i| {
+                    let p = [i % 40, i / 40 % 30, i / 1200].map(|c| c as f64);
+                    let d = n.dot(glam::DVec3::from(std::array::from_fn(|a| p[a] * spacing[a]))) - 9.0;
+                    (4000.0 + 7600.0 * normal_cdf(d / sigma)) as u16
+                })
+                .collect();
+            let table = MaterialTable::new([("air", 4000.0), ("al", 11600.0)]).unwrap();
+            let blur = ScanQuality::of(Slab::whole(&samples, size), &geometry, &table).blur;
+            let found = blur.sigma_mm.unwrap();
+            assert!((found / sigma - 1.0).abs() < 0.001, "{found} for {sigma}, {} profiles", blur.profiles);
+            assert!((blur.radius[0] / blur.radius[2] - 1.25).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn without_profiles_the_usual_radius_is_taken() {
+        let geometry = Geometry::axis_aligned([20; 3], [1.0; 3]).unwrap();
+        let table = MaterialTable::new([("air", 0.0), ("al", 10.0)]).unwrap();
+        let blur = ScanQuality::of(Slab::whole(&[0u8; 8000], [20; 3]), &geometry, &table).blur;
+        assert_eq!((blur.sigma_mm, blur.sigma_axes_mm, blur.profiles), (None, None, 0));
+        assert!((blur.radius[0] - DEFAULT_RADIUS).abs() < 1e-9);
+    }
+}
