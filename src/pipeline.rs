@@ -20,7 +20,7 @@ use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, EdgeProfile, Found, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, ScanQuality,
+    Blur, EdgeProfile, Found, Levels, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, ScanQuality,
     SliceThresholds, Survey, TwoClasses, radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshMaterial};
@@ -56,6 +56,8 @@ pub struct Findings {
     pub blur: Option<Blur>,
     /// All clean interfaces on each other; `None` if there were too few or nobody looked.
     pub edge_profile: Option<EdgeProfile>,
+    /// The local grey values of each material; `None` for a volume of labels and for a surface of one grey value.
+    pub levels: Option<Levels>,
     /// Voxels per class after each pass; `None` for a volume of labels.
     pub classification: Option<ClassifyCounts>,
     /// Voxels of each material in the end.
@@ -212,10 +214,11 @@ impl<S: Sample> Run<'_, S> {
         let geometry = self.source.geometry().clone();
         let Found { table: materials, rejected } = self.materials(choice)?;
         let ScanQuality { blur, profile } = self.quality(&materials)?;
-        let (blur, Classified { store, counts }) = self.classify(&materials, blur)?;
+        let (blur, Classified { store, levels, counts }) = self.classify(&materials, blur)?;
         if let [material] = present(&materials, &counts.labelled)[..] {
             return Err(PipelineError::NoInterface { material: material.into() });
         }
+        let levels = Levels::new(&levels, &materials);
         let surface = Surface {
             geometry: &geometry,
             materials: MeshMaterial::from_table(&materials),
@@ -243,6 +246,7 @@ impl<S: Sample> Run<'_, S> {
             iso: None,
             blur: Some(blur),
             edge_profile: profile,
+            levels: Some(levels),
             voxels: counts.labelled.clone(),
             dual,
             classification: Some(counts),
@@ -288,6 +292,7 @@ impl<S: Sample> Run<'_, S> {
             iso: None,
             blur,
             edge_profile: None,
+            levels: None,
             classification,
             voxels,
             dual,
@@ -346,6 +351,7 @@ impl<S: Sample> Run<'_, S> {
             iso: Some(iso),
             blur,
             edge_profile: None,
+            levels: None,
             classification,
             voxels,
             dual,

@@ -13,6 +13,7 @@ mod ball;
 mod bit_planes;
 mod bricks;
 mod error;
+mod interior;
 mod label_ids;
 mod label_store;
 mod label_volume;
@@ -24,6 +25,7 @@ mod thinning;
 use serde::{Deserialize, Serialize};
 
 use alpha::count_densest_kept;
+use interior::add_interior;
 
 pub use alpha::alpha;
 pub use ball::{Ball, Dilation};
@@ -40,7 +42,7 @@ pub use thinning::{Step, Thinned, Thinning, thin};
 
 use crate::execution::Execution;
 pub use crate::material::MAX_RADIUS;
-use crate::material::MaterialTable;
+use crate::material::{LevelSums, MaterialTable};
 use crate::volume::{Sample, Slab};
 
 /// Numbers of voxels per material after each pass, and what thinning did.
@@ -106,6 +108,8 @@ pub struct Classification {
     pub labels: LabelVolume,
     /// The voxels that were junction before thinning.
     pub junction: BitPlanes,
+    /// Sums over the voxels well inside of each material.
+    pub levels: LevelSums,
     /// Counts for the report.
     pub counts: ClassifyCounts,
 }
@@ -135,7 +139,9 @@ pub fn classify<S: Sample>(
     check_radius(radius)?;
     let stage = execution.stage(sweeps::STAGE, 2);
     let all = 1..slab.size()[2] + 1;
-    let decided = Passes::new(slab.size(), materials, radius).decide(slab, all.clone());
+    let mut levels = LevelSums::new(slab.size(), materials.count());
+    let decided = Passes::new(slab.size(), materials, radius)
+        .decide_and(slab, all.clone(), |core| add_interior(&mut levels, slab, core, all.clone()));
     stage.advance(1);
     execution.check()?;
     if decided.core.iter().all(|&c| c == 0) {
@@ -155,5 +161,5 @@ pub fn classify<S: Sample>(
         ..ClassifyCounts::zero(0)
     };
     counts.add_thinned(&thinned);
-    Ok(Classification { labels: LabelVolume::from_planes(&b), junction, counts })
+    Ok(Classification { labels: LabelVolume::from_planes(&b), junction, levels, counts })
 }

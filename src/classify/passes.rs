@@ -56,8 +56,24 @@ impl<'a> Passes<'a> {
     /// Decides the voxels of the padded slices `slices`; the slab must hold [`Passes::needs`].
     #[must_use]
     pub fn decide<S: Sample>(&self, slab: Slab<'_, S>, slices: Range<usize>) -> Decided {
+        self.decide_and(slab, slices, |_| {})
+    }
+
+    /// [`Passes::decide`], with a `look` at the core voxels of the slices and of at least one on both sides, as
+    /// far as there are voxels.
+    #[must_use]
+    pub(super) fn decide_and<S: Sample>(
+        &self,
+        slab: Slab<'_, S>,
+        slices: Range<usize>,
+        look: impl FnOnce(&BitPlanes),
+    ) -> Decided {
         let alpha = alpha(slab, self.materials, self.around(&slices, self.halo()));
         let certain = core(&alpha, &self.core, self.around(&slices, self.pair.reach()[2]));
+        // With balls of single voxels nothing beyond the slices is known.
+        if self.pair.reach()[2] > 0 {
+            look(&certain);
+        }
         let b = pair(slab, &certain, &alpha, &self.pair, self.materials, slices.clone());
         let junction = junction(&b);
         let (alpha, core) = (alpha.counts_in(slices.clone()), certain.counts_in(slices));

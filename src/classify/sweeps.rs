@@ -13,12 +13,13 @@ use std::path::PathBuf;
 use super::bit_planes::BitPlanes;
 use super::bricks::{Brick, Schedule, SweepReport, thin_planes, thin_stored};
 use super::error::ClassifyError;
+use super::interior::add_interior;
 use super::label_store::LabelStore;
 use super::pair::junction;
 use super::passes::Passes;
 use super::{ClassifyCounts, check_radius, classify};
 use crate::execution::Execution;
-use crate::material::MaterialTable;
+use crate::material::{LevelSums, MaterialTable};
 use crate::volume::{Sample, SampleWindow};
 
 /// How to cut a volume.
@@ -55,6 +56,8 @@ impl SlabPlan {
 pub struct Classified {
     /// The material of every voxel, and the voxels that were junction before thinning.
     pub store: LabelStore,
+    /// Sums over the voxels well inside of each material.
+    pub levels: LevelSums,
     /// Counts for the report.
     pub counts: ClassifyCounts,
 }
@@ -78,7 +81,7 @@ pub fn classify_slabs<S: Sample>(
         window.hold(0..size[2])?;
         let whole = classify(window.slab(), materials, radius, execution)?;
         let store = LabelStore::of(whole.labels, whole.junction);
-        return Ok(Classified { store, counts: whole.counts });
+        return Ok(Classified { store, levels: whole.levels, counts: whole.counts });
     }
     let store = match &plan.scratch {
         Some(folder) => LabelStore::in_file(size, materials.count(), folder)?,
@@ -87,7 +90,8 @@ pub fn classify_slabs<S: Sample>(
     let passes = Passes::new(size, materials, radius);
     let schedule = Schedule::new(plan.steps, radius);
     let records = vec![SweepReport::default(); slabs.len()];
-    let mut sweeps = Sweeps { materials, passes, store, slabs, schedule, records, execution };
+    let levels = LevelSums::new(size, materials.count());
+    let mut sweeps = Sweeps { materials, passes, store, levels, slabs, schedule, records, execution };
     let mut counts = sweeps.first(window, radius)?;
     while sweeps.schedule.add(&sweeps.changed(), sweeps.undecided())? {
         sweeps.further(window)?;
@@ -97,7 +101,7 @@ pub fn classify_slabs<S: Sample>(
         *labelled = sweeps.records.iter().map(|r| r.labelled[i]).sum();
     }
     counts.densest_kept = sweeps.records.iter().map(|r| r.densest_kept).sum();
-    Ok(Classified { store: sweeps.store, counts })
+    Ok(Classified { store: sweeps.store, levels: sweeps.levels, counts })
 }
 
 /// Its name as a stage.
@@ -107,6 +111,7 @@ struct Sweeps<'a> {
     materials: &'a MaterialTable,
     passes: Passes<'a>,
     store: LabelStore,
+    levels: LevelSums,
     slabs: Vec<Range<usize>>,
     schedule: Schedule,
     /// Each slab after its last sweep.
@@ -132,7 +137,7 @@ impl Sweeps<'_> {
         window: &mut SampleWindow<'_, S>,
         radius: [f64; 3],
     ) -> Result<ClassifyCounts, ClassifyError> {
-        let Self { materials, passes, store, slabs, schedule, records, execution } = self;
+        let Self { materials, passes, store, levels, slabs, schedule, records, execution } = self;
         let (n, size) = (materials.count(), window.size());
         let mut counts = ClassifyCounts::zero(n);
         let sweep = schedule.sweep();
@@ -147,7 +152,9 @@ impl Sweeps<'_> {
             let new = fresh.slices().end.max(wide.start)..wide.end;
             fresh = std::mem::replace(&mut fresh, BitPlanes::window(size, n, 1..1)).moved(wide);
             if !new.is_empty() {
-                let decided = passes.decide(slab, new.clone());
+                let decided = passes.decide_and(slab, new.clone(), |core| {
+                    add_interior(levels, slab, core, new.clone());
+                });
                 add(&mut counts.alpha, &decided.alpha);
                 add(&mut counts.core, &decided.core);
                 add(&mut counts.pair, &decided.b.counts());
@@ -282,6 +289,7 @@ mod tests {
         for z in 1..=size[2] {
             assert_eq!(junction.slice_data(z..z + 1), whole.junction.slice_data(z..z + 1));
         }
+        assert_eq!(slabs.levels, whole.levels);
         Some((whole.counts, slabs.counts))
     }
 

@@ -4,8 +4,9 @@
 //!    a sharp edge, a streak).
 //! 2. The *median* of the widths, each weighted with the candidates it stands for, is the sigma for all
 //!    directions. Widths far from it are not the scan's: slices of padding cut a part off within one voxel.
-//! 3. `s_n² = sum n_a² s_a²` is fitted to the rest by least squares, reweighted with Tukey's biweight, with a
-//!    weak pull of all axes to the median. Axes that this pull decides about get the median.
+//! 3. `s_n² = sum n_a² s_a²` is fitted to the rest by least squares, reweighted with Tukey's biweight, from the
+//!    medians along each axis on, with a weak pull to the median of all. Axes that this pull decides about get
+//!    that.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -29,12 +30,18 @@ const SPREAD: [f64; 2] = [0.6, 1.6];
 /// Share of a width below which its error is no matter: steps of high contrast do not decide alone.
 const FLOOR: f64 = 0.02;
 /// Strength of the pull to the median, in patches.
-const PULL: f64 = 10.0;
+const PULL: f64 = 1.0;
 /// Most of an axis that the pull may decide.
-const PULLED: f64 = 0.25;
+const PULLED: f64 = 0.1;
 /// Tukey's constant: 95 % as good as least squares where nothing is wrong.
 const TUKEY: f64 = 4.685;
 const ROUNDS: usize = 30;
+/// Squared widths within so much (of the squared median) of the fit are never outliers.
+const SCALE: f64 = 0.02;
+/// A patch faces an axis if the square of its normal's component there is at least this, and so many patches
+/// give a median of their own to begin with.
+const FACING: f64 = 0.6;
+const MIN_FACING: usize = 10;
 
 /// The blur of a volume whose clean interfaces are `fitted`, and the profile of those it was taken from.
 pub(super) fn blur(geometry: &Geometry, fitted: &[Fitted]) -> (Blur, Option<EdgeProfile>) {
@@ -96,10 +103,21 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
         })
         .collect();
     let strength = rows.iter().map(|r| r.2).sum::<f64>() / rows.len().max(1) as f64;
+    let mut axes2 = Vector3::from([0, 1, 2].map(|a| {
+        let facing: Vec<_> = rows.iter().filter(|r| r.0[a] >= FACING).map(|r| (r.1, r.2)).collect();
+        if facing.len() >= MIN_FACING { weighted_median(facing) } else { 1.0 }
+    }));
     let mut robust = vec![1.0; rows.len()];
-    let mut axes2 = Vector3::repeat(1.0);
     let mut fixed = [false; 3];
     for round in 0..ROUNDS {
+        let residuals: Vec<f64> =
+            rows.iter().map(|(n2, s2, weight)| (s2 - n2.dot(&axes2)) * weight.sqrt()).collect();
+        let scale = weighted_median(residuals.iter().map(|r| (r.abs(), 1.0)).collect()) / 0.6745;
+        let limit = TUKEY * scale.max(SCALE);
+        for (robust, r) in robust.iter_mut().zip(&residuals) {
+            let share = (r / limit).powi(2);
+            *robust = if share < 1.0 { (1.0 - share).powi(2) } else { 0.0 };
+        }
         let mut matrix = Matrix3::identity() * (PULL * strength);
         let mut right = Vector3::repeat(PULL * strength);
         for ((n2, s2, weight), robust) in rows.iter().zip(&robust) {
@@ -117,14 +135,6 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
         }
         axes2 = matrix.try_inverse().map_or(Vector3::repeat(1.0), |m| m * right);
         axes2.apply(|v| *v = v.clamp(SPREAD[0].powi(2), SPREAD[1].powi(2)));
-        let residuals: Vec<f64> =
-            rows.iter().map(|(n2, s2, weight)| (s2 - n2.dot(&axes2)) * weight.sqrt()).collect();
-        let scale = weighted_median(residuals.iter().map(|r| (r.abs(), 1.0)).collect()) / 0.6745;
-        let limit = TUKEY * scale.max(1e-4);
-        for (robust, r) in robust.iter_mut().zip(&residuals) {
-            let share = (r / limit).powi(2);
-            *robust = if share < 1.0 { (1.0 - share).powi(2) } else { 0.0 };
-        }
     }
     (std::array::from_fn(|a| median * axes2[a].sqrt()), fixed, robust)
 }

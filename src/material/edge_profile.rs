@@ -47,7 +47,7 @@ impl EdgeProfile {
             let side = if high > low { 1.0 } else { -1.0 };
             for (&v, &d) in patch.grey.iter().zip(&fit.distances) {
                 let t = f64::from(d) / sigma;
-                let share = (f64::from(v) - low) / (high - low);
+                let share = fit.share(f64::from(v), f64::from(d));
                 let grey = if high > low { share } else { 1.0 - share };
                 let bin = (side * t + REACH) / step + 0.5;
                 if bin >= 0.0 && bin < BINS as f64 {

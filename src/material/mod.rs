@@ -9,6 +9,9 @@ mod edge_patches;
 mod edge_profile;
 mod find;
 mod histogram;
+mod level_fit;
+mod level_sums;
+mod levels;
 mod neighbourhood;
 mod noise;
 #[cfg(test)]
@@ -27,6 +30,8 @@ pub use counts::GreyCounts;
 pub use edge_profile::{EdgeProfile, ProfileBin};
 pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, default_name, find_materials};
 pub use histogram::Histogram;
+pub use level_sums::{CellSums, LevelSums};
+pub use levels::Levels;
 pub use noise::read_noise;
 pub use scan_quality::{QUALITY_HALO, ScanQuality};
 pub use slice_otsu::{CONTRAST_SHARE, OtsuMode, SliceThresholds};
