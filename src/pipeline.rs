@@ -20,8 +20,8 @@ use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
 use crate::material::{
-    Blur, EdgeProfile, Found, Levels, MAX_ESTIMATED_RADIUS, MaterialTable, OtsuMode, Rejected, ScanQuality,
-    SliceThresholds, Survey, TwoClasses, radius_per_axis,
+    Blur, EdgeProfile, Found, Levels, MAX_ESTIMATED_RADIUS, MaterialTable, Noise, OtsuMode, Rejected,
+    ScanQuality, SliceThresholds, Survey, TwoClasses, radius_per_axis,
 };
 use crate::mesh::{InterfaceMesh, MeshMaterial};
 use crate::volume::{Denoised, Sample, SampleWindow, VolumeSource};
@@ -56,6 +56,8 @@ pub struct Findings {
     pub blur: Option<Blur>,
     /// All clean interfaces on each other; `None` if there were too few or nobody looked.
     pub edge_profile: Option<EdgeProfile>,
+    /// The noise of each material by id, without slow drift; empty if nobody looked.
+    pub noise: Vec<Option<Noise>>,
     /// The local grey values of each material; `None` for a volume of labels and for a surface of one grey value.
     pub levels: Option<Levels>,
     /// Voxels per class after each pass; `None` for a volume of labels.
@@ -213,7 +215,7 @@ impl<S: Sample> Run<'_, S> {
     fn greys(mut self, choice: &MaterialChoice, sink: &mut dyn MeshSink) -> Result<Findings, PipelineError> {
         let geometry = self.source.geometry().clone();
         let Found { table: materials, rejected } = self.materials(choice)?;
-        let ScanQuality { blur, profile } = self.quality(&materials)?;
+        let ScanQuality { blur, profile, noise } = self.quality(&materials)?;
         let (blur, Classified { store, levels, counts }) = self.classify(&materials, blur)?;
         if let [material] = present(&materials, &counts.labelled)[..] {
             return Err(PipelineError::NoInterface { material: material.into() });
@@ -246,6 +248,7 @@ impl<S: Sample> Run<'_, S> {
             iso: None,
             blur: Some(blur),
             edge_profile: profile,
+            noise,
             levels: Some(levels),
             voxels: counts.labelled.clone(),
             dual,
@@ -292,6 +295,7 @@ impl<S: Sample> Run<'_, S> {
             iso: None,
             blur,
             edge_profile: None,
+            noise: Vec::new(),
             levels: None,
             classification,
             voxels,
@@ -351,6 +355,7 @@ impl<S: Sample> Run<'_, S> {
             iso: Some(iso),
             blur,
             edge_profile: None,
+            noise: Vec::new(),
             levels: None,
             classification,
             voxels,
@@ -393,7 +398,7 @@ impl<S: Sample> Run<'_, S> {
     fn quality(&mut self, materials: &MaterialTable) -> Result<ScanQuality, PipelineError> {
         let geometry = self.source.geometry();
         if let Some(radius) = self.options.radius {
-            return Ok(ScanQuality { blur: Blur::given(radius, geometry), profile: None });
+            return Ok(ScanQuality { blur: Blur::given(radius, geometry), profile: None, noise: Vec::new() });
         }
         let _stage = self.execution.stage(STAGES[1].0, 0);
         let slices = self.survey_slices()?;

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::input::InputArgs;
 use crate::execution::Execution;
 use crate::grid::Geometry;
-use crate::material::{Blur, EdgeProfile, Found, GreyCounts, ScanQuality, Survey};
+use crate::material::{Blur, EdgeProfile, Found, GreyCounts, Noise, ScanQuality, Survey};
 use crate::volume::{Sample, SampleType, SampleWindow, VolumeSource};
 use crate::with_sample_type;
 
@@ -73,7 +73,12 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
         Ok(materials) => {
             drop(survey);
             let quality = ScanQuality::read(&mut window, geometry, &materials.table, thickness)?;
-            Materials::Found { materials, blur: quality.blur, profile: quality.profile }
+            Materials::Found {
+                materials,
+                blur: quality.blur,
+                profile: quality.profile,
+                local_noise: quality.noise,
+            }
         }
         Err(error) => Materials::NotFound { reason: error.to_string() },
     };
@@ -84,7 +89,7 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Materials {
-    Found { materials: Found, blur: Blur, profile: Option<EdgeProfile> },
+    Found { materials: Found, blur: Blur, profile: Option<EdgeProfile>, local_noise: Vec<Option<Noise>> },
     NotFound { reason: String },
 }
 

@@ -50,7 +50,8 @@ pub struct Blur {
     /// function of width `s_n² = sum n_a² s_a²`. `None` where `sigma_mm` is.
     #[serde(default)]
     pub sigma_axes_mm: Option<[f64; 3]>,
-    /// Axes with too few interfaces that face them: `sigma_mm` stands for what could not be measured.
+    /// Axes along which sigma was not measured for itself, as too few interfaces face them: it is `sigma_mm`, or
+    /// what fits the interfaces there are and is nearest to that.
     #[serde(default)]
     pub isotropic: [bool; 3],
     /// Bundles of profiles used.

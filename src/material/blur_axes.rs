@@ -5,8 +5,7 @@
 //! 2. The *median* of the widths, each weighted with the candidates it stands for, is the sigma for all
 //!    directions. Widths far from it are not the scan's: slices of padding cut a part off within one voxel.
 //! 3. `s_n² = sum n_a² s_a²` is fitted to the rest by least squares, reweighted with Tukey's biweight, from the
-//!    medians along each axis on, with a weak pull to the median of all. Axes that this pull decides about get
-//!    that.
+//!    medians along each axis on, with a weak pull to the median of all. Axes that too few steps face get that.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -31,8 +30,11 @@ const SPREAD: [f64; 2] = [0.6, 1.6];
 const FLOOR: f64 = 0.02;
 /// Strength of the pull to the median, in patches.
 const PULL: f64 = 1.0;
-/// Most of an axis that the pull may decide.
+/// Most of an axis that the pull may decide before it counts as not measured.
 const PULLED: f64 = 0.1;
+/// Sum of n_a² over the steps below which none of them is heard about axis a: a few odd ones (padding, streaks)
+/// would decide it.
+const MIN_SUM: f64 = 15.0;
 /// Tukey's constant: 95 % as good as least squares where nothing is wrong.
 const TUKEY: f64 = 4.685;
 const ROUNDS: usize = 30;
@@ -103,13 +105,14 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
         })
         .collect();
     let strength = rows.iter().map(|r| r.2).sum::<f64>() / rows.len().max(1) as f64;
+    let few = [0, 1, 2].map(|a| rows.iter().map(|r| r.0[a]).sum::<f64>() < MIN_SUM);
     let mut axes2 = Vector3::from([0, 1, 2].map(|a| {
         let facing: Vec<_> = rows.iter().filter(|r| r.0[a] >= FACING).map(|r| (r.1, r.2)).collect();
-        if facing.len() >= MIN_FACING { weighted_median(facing) } else { 1.0 }
+        if facing.len() >= MIN_FACING && !few[a] { weighted_median(facing) } else { 1.0 }
     }));
     let mut robust = vec![1.0; rows.len()];
-    let mut fixed = [false; 3];
-    for round in 0..ROUNDS {
+    let mut isotropic = [false; 3];
+    for _ in 0..ROUNDS {
         let residuals: Vec<f64> =
             rows.iter().map(|(n2, s2, weight)| (s2 - n2.dot(&axes2)) * weight.sqrt()).collect();
         let scale = weighted_median(residuals.iter().map(|r| (r.abs(), 1.0)).collect()) / 0.6745;
@@ -124,11 +127,9 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
             matrix += n2 * n2.transpose() * (weight * robust);
             right += n2 * (s2 * weight * robust);
         }
-        if round + 1 < ROUNDS / 2 {
-            let inverse = matrix.try_inverse().unwrap_or_else(Matrix3::zeros);
-            fixed = std::array::from_fn(|a| inverse[(a, a)] * PULL * strength > PULLED);
-        }
-        for a in (0..3).filter(|&a| fixed[a]) {
+        let inverse = matrix.try_inverse().unwrap_or_else(Matrix3::zeros);
+        isotropic = std::array::from_fn(|a| few[a] || inverse[(a, a)] * PULL * strength > PULLED);
+        for a in (0..3).filter(|&a| few[a]) {
             // As good as certain that it is the median.
             matrix[(a, a)] += 1e9 * strength;
             right[a] += 1e9 * strength;
@@ -136,7 +137,7 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
         axes2 = matrix.try_inverse().map_or(Vector3::repeat(1.0), |m| m * right);
         axes2.apply(|v| *v = v.clamp(SPREAD[0].powi(2), SPREAD[1].powi(2)));
     }
-    (std::array::from_fn(|a| median * axes2[a].sqrt()), fixed, robust)
+    (std::array::from_fn(|a| median * axes2[a].sqrt()), isotropic, robust)
 }
 
 /// The value with half of the weight below it; 0 without values.

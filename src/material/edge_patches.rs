@@ -211,7 +211,7 @@ fn candidate<S: Sample>(
 }
 
 /// Another number for each number, as if by chance (the finaliser of SplitMix64: Steele et al. 2014).
-fn mixed(mut n: u64) -> u64 {
+pub(super) fn mixed(mut n: u64) -> u64 {
     n = n.wrapping_add(0x9e37_79b9_7f4a_7c15);
     n = (n ^ (n >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     n = (n ^ (n >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

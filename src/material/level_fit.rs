@@ -65,7 +65,7 @@ pub(super) fn fit(levels: &Levels, sums: &LevelSums, table: &MaterialTable, mate
     polynomial[0] += base;
     let agreeing = cells.iter().filter(|c| c.weight > 0.0).map(|c| c.grey);
     let [low, high] = agreeing.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
-    let beyond = 0.5 * (high - low) + 0.01 * contrast;
+    let beyond = high - low + 0.02 * contrast;
     let mut level = Level {
         polynomial: polynomial.into(),
         covariance: covariance.into(),

@@ -8,7 +8,8 @@
 //!    cells agree on it: their mean product is the variance of a smooth residue; noise has none.
 //!
 //! Beam hardening of a compact part is close to the polynomial alone, so it goes on to surfaces and thin
-//! parts that have no voxel well inside. Values stay within half the range of the cells' beyond it.
+//! parts that have no voxel well inside. Values go no further beyond those of the
+//! cells than these differ among each other.
 //! Not guaranteed: sharp changes of level (streaks, rings, metal shadows) are not followed, and a
 //! material without any voxel well inside has the mean of its table.
 

@@ -12,6 +12,7 @@ mod histogram;
 mod level_fit;
 mod level_sums;
 mod levels;
+mod local_noise;
 mod neighbourhood;
 mod noise;
 #[cfg(test)]
@@ -32,6 +33,7 @@ pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, defaul
 pub use histogram::Histogram;
 pub use level_sums::{CellSums, LevelSums};
 pub use levels::Levels;
+pub use local_noise::Noise;
 pub use noise::read_noise;
 pub use scan_quality::{QUALITY_HALO, ScanQuality};
 pub use slice_otsu::{CONTRAST_SHARE, OtsuMode, SliceThresholds};

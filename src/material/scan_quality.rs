@@ -9,13 +9,14 @@ use super::blur_axes::{Fitted, blur};
 use super::edge_fit::fit;
 use super::edge_patches::{Patches, REACH};
 use super::edge_profile::EdgeProfile;
+use super::local_noise::{self, Lines, Noise};
 use super::sampling::steps;
 use super::table::MaterialTable;
 use crate::grid::Geometry;
 use crate::volume::{Sample, SampleWindow, Slab, VolumeError};
 
 /// Slices that this look must see on both sides of those it looks at.
-pub const QUALITY_HALO: usize = REACH + 1;
+pub const QUALITY_HALO: usize = if REACH + 1 > local_noise::REACH { REACH + 1 } else { local_noise::REACH };
 
 /// What a scan is like.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,6 +25,8 @@ pub struct ScanQuality {
     pub blur: Blur,
     /// All interfaces on each other; `None` if there were too few.
     pub profile: Option<EdgeProfile>,
+    /// The noise of each material, by id; `None` where too few voxels are well inside.
+    pub noise: Vec<Option<Noise>>,
 }
 
 impl ScanQuality {
@@ -35,7 +38,7 @@ impl ScanQuality {
     pub fn of<S: Sample>(slab: Slab<'_, S>, geometry: &Geometry, materials: &MaterialTable) -> Self {
         let mut look = Look::new(geometry, materials);
         steps(slab.size()).for_each(|core| look.add(slab, core));
-        look.finish()
+        look.finish(S::LEVELS > 0)
     }
 
     /// Of a volume in one pass of a window on it, by slabs of `thickness` slices (and [`QUALITY_HALO`]). The
@@ -54,25 +57,28 @@ impl ScanQuality {
             look.add(slab, core);
             Ok::<_, VolumeError>(())
         })?;
-        Ok(look.finish())
+        Ok(look.finish(S::LEVELS > 0))
     }
 }
 
 struct Look<'a> {
     geometry: &'a Geometry,
     patches: Patches<'a>,
+    lines: Lines,
 }
 
 impl<'a> Look<'a> {
     fn new(geometry: &'a Geometry, materials: &'a MaterialTable) -> Self {
-        Self { geometry, patches: Patches::new(geometry.size(), geometry.spacing(), materials) }
+        let (size, spacing) = (geometry.size(), geometry.spacing());
+        Self { geometry, patches: Patches::new(size, spacing, materials), lines: Lines::new(size, materials) }
     }
 
     fn add<S: Sample>(&mut self, slab: Slab<'_, S>, core: Range<usize>) {
-        self.patches.add(slab, core);
+        self.patches.add(slab, core.clone());
+        self.lines.add(slab, core);
     }
 
-    fn finish(self) -> ScanQuality {
+    fn finish(self, whole: bool) -> ScanQuality {
         let spacing = self.geometry.spacing();
         let patches = self.patches.finish();
         let fitted: Vec<Fitted> = patches
@@ -80,7 +86,7 @@ impl<'a> Look<'a> {
             .filter_map(|(patch, weight)| fit(&patch, spacing).map(|fit| (patch, fit, weight)))
             .collect();
         let (blur, profile) = blur(self.geometry, &fitted);
-        ScanQuality { blur, profile }
+        ScanQuality { blur, profile, noise: self.lines.finish(whole) }
     }
 }
 
