@@ -76,7 +76,7 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
             Materials::Found {
                 materials,
                 blur: quality.blur,
-                profile: quality.profile,
+                edge_profile: quality.profile,
                 local_noise: quality.noise,
             }
         }
@@ -89,15 +89,17 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Materials {
-    Found { materials: Found, blur: Blur, profile: Option<EdgeProfile>, local_noise: Vec<Option<Noise>> },
+    Found { materials: Found, blur: Blur, edge_profile: Option<EdgeProfile>, local_noise: Vec<Option<Noise>> },
     NotFound { reason: String },
 }
 
 impl Materials {
     fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let (found, blur) = match self {
+        let (found, blur, profile, local_noise) = match self {
             Self::NotFound { reason } => return writeln!(out, "\nno materials: {reason}"),
-            Self::Found { materials, blur, .. } => (materials, blur),
+            Self::Found { materials, blur, edge_profile, local_noise } => {
+                (materials, blur, edge_profile, local_noise)
+            }
         };
         writeln!(
             out,
@@ -108,6 +110,14 @@ impl Materials {
             let noise = m.sigma.map_or_else(|| "-".into(), |s| format!("{s:.4}"));
             writeln!(out, "  {:>2}  {:<16} {:>10.4} {noise:>10}", m.id.0, m.name, m.mean)?;
         }
+        for (m, noise) in found.table.materials().iter().zip(local_noise) {
+            let Some(Noise { sigma, correlation: [x, y, z], effective, .. }) = noise else { continue };
+            writeln!(
+                out,
+                "  noise of {} without drift: {sigma:.4}, correlated over {x:.2} x {y:.2} x {z:.2} voxels (times {effective:.1} in a mean)",
+                m.name
+            )?;
+        }
         for mode in &found.rejected {
             let share = 100.0 * mode.inside_share;
             writeln!(out, "  not taken: grey {:.4}, {} ({share:.1} %)", mode.grey, mode.reason)?;
@@ -117,7 +127,20 @@ impl Materials {
             Some(s) => {
                 writeln!(out, "blur: sigma {s:.4} mm, radius R {x:.2} x {y:.2} x {z:.2} voxels")?;
                 let [x, y, z] = blur.sigma_axes_mm.unwrap_or([s; 3]);
-                writeln!(out, "      sigma {x:.4} x {y:.4} x {z:.4} mm along the axes")
+                write!(out, "      sigma {x:.4} x {y:.4} x {z:.4} mm along the axes")?;
+                let axes: String =
+                    ["x", "y", "z"].into_iter().zip(blur.isotropic).filter(|a| a.1).map(|a| a.0).collect();
+                if !axes.is_empty() {
+                    write!(out, " (along {axes} not measured: too few interfaces face it)")?;
+                }
+                match profile {
+                    Some(p) => writeln!(
+                        out,
+                        "; an error function fits to {:.2} % of the contrast",
+                        100.0 * p.residual
+                    ),
+                    None => writeln!(out),
+                }
             }
             None => writeln!(
                 out,

@@ -47,6 +47,10 @@ pub(super) fn summary(out: &mut impl Write, folder: &Path, report: &RunReport) -
     if let Some(blur) = &report.blur {
         let [rx, ry, rz] = blur.radius;
         writeln!(out, "blur radius R {rx:.2} x {ry:.2} x {rz:.2} voxels")?;
+        if let Some(axes) = blur.sigma_axes_mm {
+            let [x, y, z] = std::array::from_fn(|a| axes[a] / report.input.geometry.spacing()[a]);
+            writeln!(out, "blur sigma {x:.2} x {y:.2} x {z:.2} voxels along the axes")?;
+        }
     }
     if let Some(DenoiseFound { used, noise_before, noise_after }) = &report.denoise {
         writeln!(out, "noise {noise_before:.3} before and {noise_after:.3} after {used}")?;

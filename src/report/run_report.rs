@@ -9,7 +9,7 @@ use crate::contour::Border;
 use crate::contour::dual::Statistics;
 use crate::execution::CostLog;
 use crate::grid::{Geometry, MaterialId, VertexKind};
-use crate::material::{Blur, Material, MaterialTable, Rejected};
+use crate::material::{Blur, EdgeProfile, Material, MaterialTable, Noise, Rejected};
 use crate::mesh::{Defects, Junctions, MeshReport, Quality};
 use crate::pipeline::{DenoiseFound, Findings, IsoFound, KEPT_SHARE, PipelineOptions};
 
@@ -36,6 +36,10 @@ pub struct RunReport {
     pub iso: Option<IsoFound>,
     /// Blur and the radius R used; `None` for a volume of labels and for a surface of one grey value.
     pub blur: Option<Blur>,
+    /// The grey profile across all clean interfaces, and how well the blur found explains it; `None` where there
+    /// were too few.
+    #[serde(default)]
+    pub edge_profile: Option<EdgeProfile>,
     /// Voxels per class after each pass, junction voxels, rounds of thinning; `None` where the
     /// blur is.
     pub classification: Option<ClassifyCounts>,
@@ -83,6 +87,13 @@ pub struct MaterialReport {
     /// Id, name, mean grey value (or label), noise.
     #[serde(flatten)]
     pub material: Material,
+    /// Its noise without slow drift, and how that is correlated; `None` where it was not measured.
+    #[serde(default)]
+    pub noise: Option<Noise>,
+    /// The smallest and the largest of its local mean grey values: how far cupping and the like move it. `None`
+    /// without voxels well inside.
+    #[serde(default)]
+    pub level_range: Option<[f64; 2]>,
     /// Voxels labelled with it in the end.
     pub labelled_voxels: u64,
     /// Those voxels times the volume of a voxel.
@@ -170,6 +181,8 @@ impl RunReport {
             let shell = mesh.measures.shells.iter().find(|s| s.material == material.id);
             MaterialReport {
                 material: material.clone(),
+                noise: findings.noise.get(usize::from(material.id.0)).cloned().flatten(),
+                level_range: findings.levels.as_ref().and_then(|levels| levels.drift(material.id)),
                 labelled_voxels: voxels,
                 voxel_volume: voxels as f64 * voxel,
                 mesh_volume: shell.and_then(|s| s.volume),
@@ -205,6 +218,7 @@ impl RunReport {
             denoise: findings.denoise.clone(),
             iso: findings.iso.clone(),
             blur: findings.blur,
+            edge_profile: findings.edge_profile.clone(),
             classification: findings.classification.clone(),
             dual: findings.dual.clone(),
             vertices: mesh.measures.vertices,
