@@ -25,7 +25,7 @@ const MIN_PATCHES: usize = 100;
 const USUAL: f64 = 1.4;
 const NOTHING: f64 = 0.004;
 /// Widths that can be the scan's, as multiples of the median.
-const SPREAD: [f64; 2] = [0.6, 1.6];
+const SPREAD: [f64; 2] = [0.6, 2.5];
 /// Share of a width below which its error is no matter: steps of high contrast do not decide alone.
 const FLOOR: f64 = 0.02;
 /// Strength of the pull to the median, in patches.

@@ -95,7 +95,7 @@ impl Model<'_> {
 
     /// Sum of squared residuals, the normal matrix and the right side.
     fn normal_equations(&self, p: &Vector) -> (f64, SMatrix<f64, PARAMETERS, PARAMETERS>, Vector) {
-        let (mut sum, mut matrix, mut right) = (0.0, SMatrix::zeros(), Vector::zeros());
+        let (mut sum, mut matrix, mut right) = (0.0, [[0.0; PARAMETERS]; PARAMETERS], [0.0; PARAMETERS]);
         let (contrast, s, ramps) = (p[1] - p[0], p[S], [p[S + 1], p[S + 2]]);
         for (row, grey) in self.patch.grey.chunks_exact(LENGTH).enumerate() {
             let Row { basis, height, scale } = self.row(p, row);
@@ -113,32 +113,13 @@ impl Model<'_> {
                 d[S + 1] = s * (t * (1.0 - cdf) - density);
                 d[S + 2] = s * (t * cdf + density);
                 sum += residual * residual;
-                for a in 0..PARAMETERS {
-                    right[a] += d[a] * residual;
-                    for b in 0..=a {
-                        matrix[(a, b)] += d[a] * d[b];
-                    }
+                for ((row, right), own) in matrix.iter_mut().zip(&mut right).zip(&d) {
+                    *right += own * residual;
+                    row.iter_mut().zip(&d).for_each(|(sum, d)| *sum += own * d);
                 }
             }
         }
-        for a in 0..PARAMETERS {
-            for b in 0..a {
-                matrix[(b, a)] = matrix[(a, b)];
-            }
-        }
-        (sum, matrix, right)
-    }
-
-    fn misfit(&self, p: &Vector) -> f64 {
-        let mut sum = 0.0;
-        for (row, grey) in self.patch.grey.chunks_exact(LENGTH).enumerate() {
-            let Row { height, scale, .. } = self.row(p, row);
-            for (i, &v) in grey.iter().enumerate() {
-                let t = (i as f64 - REACH as f64 - height) * scale / p[S];
-                sum += (f64::from(v) - value(p, t, normal(t))).powi(2);
-            }
-        }
-        sum
+        (sum, SMatrix::from(matrix), Vector::from(right))
     }
 
     /// Plateaus from the ends, slopes of the graph from the sums of whole rows (which a step moves in
@@ -187,14 +168,15 @@ pub(super) fn fit(patch: &Patch, spacing: [f64; 3]) -> Option<EdgeFit> {
         let mut next = p + step;
         next[S] = next[S].clamp(0.5 * p[S], 2.0 * p[S]);
         let small = (step[S] / p[S]).abs() < 1e-4 && step[2].abs() < 1e-4;
-        if model.misfit(&next) <= sum {
+        let trial = model.normal_equations(&next);
+        if trial.0 <= sum {
             p = next;
             damping *= 0.1;
+            (sum, matrix, right) = trial;
             converged = small;
             if converged {
                 break;
             }
-            (sum, matrix, right) = model.normal_equations(&p);
         } else {
             if small {
                 converged = true;

@@ -22,7 +22,7 @@ pub(super) const SIDE: usize = 2;
 /// Profiles of a patch along each side.
 pub(super) const ROWS: usize = 2 * SIDE + 1;
 /// Patches kept per axis: each gives sigma to about 2.5 % where noise is 4 % of the contrast.
-const KEPT: usize = 400;
+const KEPT: usize = 256;
 /// Ends must be this close to a material's mean, as a share of the profile's contrast.
 pub(super) const PLATEAU: f64 = 0.12;
 

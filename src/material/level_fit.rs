@@ -19,6 +19,10 @@ const FLOOR: f64 = 0.002;
 /// Prior standard deviations of linear and quadratic terms, as a share of the contrast, over half the volume's
 /// longest side; the constant is free.
 const PRIOR: f64 = 0.5;
+/// The same where there is no drift.
+const FLAT: f64 = 1e-6;
+/// What the polynomial must gain (in squared standard errors) to be preferred: three for each term.
+const GAIN: f64 = 27.0;
 /// Tukey's constant, and rounds of reweighting.
 const TUKEY: f64 = 4.685;
 const ROUNDS: usize = 12;
@@ -59,7 +63,7 @@ pub(super) fn fit(levels: &Levels, sums: &LevelSums, table: &MaterialTable, mate
         return Level::constant(table, material);
     }
     let base = median(cells.iter().map(|c| c.grey).collect());
-    let (mut polynomial, covariance) = polynomial(&mut cells, base, contrast);
+    let (mut polynomial, covariance) = simplest(&mut cells, base, contrast);
     let left: Vec<f64> = cells.iter().map(|c| c.grey - base - polynomial.dot(&c.terms)).collect();
     let residue = residue(levels, &cells, &left, contrast);
     polynomial[0] += base;
@@ -112,9 +116,29 @@ fn cell(levels: &Levels, at: [usize; 3], s: &CellSums) -> Cell {
     Cell { at, terms, grey, middle, voxels: n, variance, weight: 1.0 }
 }
 
-/// The polynomial of the grey values less `base`, and its covariance; sets the cells' weights.
-fn polynomial(cells: &mut [Cell], base: f64, contrast: f64) -> (Vector, Matrix) {
-    let mut prior = Vector::repeat((PRIOR * contrast).powi(-2));
+/// A constant if that explains the cells about as well as a polynomial does: the nine more terms follow noise
+/// then, which shows where the polynomial goes beyond the cells.
+fn simplest(cells: &mut [Cell], base: f64, contrast: f64) -> (Vector, Matrix) {
+    let flat = polynomial(cells, base, contrast, FLAT);
+    let flat_cost = cost(cells, base, &flat.0);
+    let curved = polynomial(cells, base, contrast, PRIOR);
+    if flat_cost - cost(cells, base, &curved.0) >= GAIN {
+        return curved;
+    }
+    polynomial(cells, base, contrast, FLAT)
+}
+
+/// Sum of the squared errors in units of their variance; beyond Tukey's constant they are no worse.
+fn cost(cells: &[Cell], base: f64, polynomial: &Vector) -> f64 {
+    let off = |c: &Cell| (c.grey - base - polynomial.dot(&c.terms)).powi(2) / c.variance;
+    cells.iter().map(|c| off(c).min(TUKEY * TUKEY)).sum()
+}
+
+/// The polynomial of the grey values less `base`, and its covariance; sets the cells' weights. `share` is the
+/// prior standard deviation of all terms but the constant, as a share of the contrast.
+fn polynomial(cells: &mut [Cell], base: f64, contrast: f64, share: f64) -> (Vector, Matrix) {
+    cells.iter_mut().for_each(|cell| cell.weight = 1.0);
+    let mut prior = Vector::repeat((share * contrast).powi(-2));
     prior[0] = (10.0 * contrast).powi(-2);
     let mut found = Vector::zeros();
     let mut covariance = Matrix::zeros();
