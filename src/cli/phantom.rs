@@ -94,12 +94,15 @@ struct ImageArgs {
     /// Noise is still added: see --noise.
     #[arg(long, conflicts_with_all = ["sigma", "fine"])]
     binary: bool,
-    /// White noise in percent of the smallest difference between two materials.
+    /// Noise in percent of the smallest difference between two materials.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
     noise: f64,
-    /// White noise as a grey value instead.
+    /// Noise as a grey value instead.
     #[arg(long, value_name = "GREY", conflicts_with = "noise")]
     noise_grey: Option<f64>,
+    /// Filter the noise by a Gaussian of this sigma in voxels, and bring it back to its strength. 0: white noise.
+    #[arg(long, value_name = "SIGMA", default_value_t = 0.0)]
+    noise_correlation: f64,
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -203,6 +206,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
         Sigma::Axes(axes) => options.sigma_axes = Some(axes),
     }
     options.noise = image.noise_grey.map_or(Noise::Percent(image.noise), Noise::Grey);
+    options.noise_correlation = image.noise_correlation;
     options.seed = image.seed;
     options.cupping = image.cupping;
     options.sample_type = image.sample_type;

@@ -7,14 +7,16 @@
 //!
 //! Guaranteed: the same options give the same bytes for any number of threads; distances, curves and
 //! volumes are closed forms, limited by rounding only. Not modelled: beam hardening other than the
-//! cupping option, scatter, rings, correlated noise, unsharpness that changes over the volume.
+//! cupping option, scatter, rings, unsharpness that changes over the volume.
 
 mod catalogue;
 pub mod compare;
 mod corners;
 mod curve;
+mod kernel;
 mod noise;
 mod options;
+mod pieces;
 mod raster;
 mod scene;
 mod sidecar;
@@ -28,10 +30,11 @@ use glam::{DMat3, DVec3};
 pub use catalogue::{SceneName, Topology};
 pub use curve::Curve;
 pub use options::{Noise, PhantomError, PhantomOptions};
+pub use pieces::{CurvePiece, OnCurve};
 pub use scene::Scene;
 pub use sidecar::{Sidecar, SidecarEdge, SidecarMaterial};
 pub use surface::Surface;
-pub use truth::{Closest, CurvePiece, Truth};
+pub use truth::{Closest, Truth};
 
 use crate::execution::Execution;
 use crate::grid::Geometry;

@@ -9,7 +9,7 @@ use crate::grid::GeometryError;
 use crate::material::MaterialTableError;
 use crate::volume::SampleType;
 
-/// White noise added to every voxel.
+/// How strong the noise is that is added to every voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Noise {
@@ -53,8 +53,11 @@ pub struct PhantomOptions {
     /// Cupping: how much darker, relative to its difference from the background, a material is in the
     /// middle of the object than at its outermost points; quadratic in the distance.
     pub cupping: f64,
-    /// White noise, added last.
+    /// Gaussian noise, added last.
     pub noise: Noise,
+    /// Sigma in voxels of the Gaussian by which the noise is filtered before it is brought to its standard
+    /// deviation: noise of a reconstruction filter or of interpolation. 0: white noise.
+    pub noise_correlation: f64,
     /// Seed of the noise.
     pub seed: u64,
     /// Number type of the samples.
@@ -81,6 +84,7 @@ impl Default for PhantomOptions {
             sigma_axes: None,
             cupping: 0.0,
             noise: Noise::Percent(1.0),
+            noise_correlation: 0.0,
             seed: 1,
             sample_type: SampleType::U16,
             greys: None,
@@ -187,6 +191,8 @@ impl PhantomOptions {
         range("cupping", self.cupping, (0.0..1.0).contains(&self.cupping), "at least 0 and below 1")?;
         let (Noise::Percent(noise) | Noise::Grey(noise)) = self.noise;
         range("noise", noise, noise >= 0.0 && noise.is_finite(), "zero or positive")?;
+        let correlation = self.noise_correlation;
+        range("noise correlation", correlation, (0.0..=20.0).contains(&correlation), "0 to 20 voxels")?;
         let fine = self.fine as f64;
         range("fine", fine, (1.0..=9.0).contains(&fine), "1 to 9")?;
         Ok(())

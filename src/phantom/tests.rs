@@ -229,6 +229,42 @@ fn threads_do_not_change_a_byte_and_the_seed_does() {
 }
 
 #[test]
+fn correlated_noise_has_the_strength_and_the_reach_asked_for_whatever_the_threads() {
+    let make = |noise: f64, noise_correlation: f64| {
+        let options = PhantomOptions {
+            noise: Noise::Grey(noise),
+            noise_correlation,
+            sample_type: SampleType::F32,
+            ..options(SceneName::Cube, 64)
+        };
+        Phantom::new(&options).unwrap()
+    };
+    let run = |threads: usize, phantom: &Phantom| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| phantom.rasterise(&Execution::default()).unwrap())
+    };
+    let silent = run(2, &make(0.0, 1.2));
+    for correlation in [0.0, 0.8, 1.5] {
+        let phantom = make(50.0, correlation);
+        let samples = run(1, &phantom);
+        assert_eq!(samples, run(3, &phantom));
+        let noise: Vec<f64> =
+            (0..samples.len()).map(|i| f64::from(samples.get(i)) - f64::from(silent.get(i))).collect();
+        // Products of neighbours along x, y and z; what is lost at the ends of rows does not matter here.
+        let n = noise.len() as f64;
+        let product = |lag: usize| noise.iter().zip(&noise[lag..]).map(|(a, b)| a * b).sum::<f64>() / n;
+        let variance = product(0);
+        assert!((variance.sqrt() / 50.0 - 1.0).abs() < 0.03, "{correlation}: {}", variance.sqrt());
+        // Noise filtered by a Gaussian has the correlation exp(-d^2 / (4 sigma^2)).
+        let expected = if correlation > 0.0 { (-0.25 / (correlation * correlation)).exp() } else { 0.0 };
+        for lag in [1, 64, 64 * 64] {
+            let found = product(lag) / variance;
+            assert!((found - expected).abs() < 0.03, "{correlation} {lag}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
 fn cupping_darkens_the_middle_only() {
     let base = PhantomOptions {
         noise: Noise::Grey(0.0),
@@ -241,6 +277,21 @@ fn cupping_darkens_the_middle_only() {
     };
     assert!((middle(0.0) - 11600.0).abs() < 0.01);
     assert!((f64::from(middle(0.1)) - (11600.0 - 760.0)).abs() < 40.0);
+    // Off the middle it follows the square of the distance, and the blur adds its variance: the percentage is that
+    // of the difference from air, and the noise's percentage is that of the undarkened difference.
+    let phantom = Phantom::new(&PhantomOptions { cupping: 0.1, ..base.clone() }).unwrap();
+    let samples = phantom.rasterise(&Execution::default()).unwrap();
+    let (centre, radius) = phantom.truth().ball();
+    let spread = 3.0 * (1.15_f64 * 1.15 + 1.0 / 12.0);
+    for x in 12..=20 {
+        let p = phantom.geometry().world(DVec3::new(f64::from(x), 16.0, 16.0));
+        let share = ((p - centre).length_squared() + spread) / (radius * radius);
+        let expected = 4000.0 + 7600.0 * (1.0 - 0.1 * (1.0 - share));
+        let found = f64::from(samples.get((16 * 32 + 16) * 32 + x as usize));
+        assert!((found - expected).abs() < 2.0, "{x}: {found} {expected}");
+    }
+    let noisy = PhantomOptions { cupping: 0.1, noise: Noise::Percent(2.0), ..base };
+    assert!((Phantom::new(&noisy).unwrap().noise_sigma() - 0.02 * 7600.0).abs() < 1e-9);
 }
 
 #[test]
@@ -263,6 +314,51 @@ fn a_truth_file_restores_the_phantom_and_bad_options_are_refused_by_name() {
     assert!(refused(|o| o.greys = Some(vec![1.0])).contains("air, aluminium"));
     assert!(refused(|o| o.size = [0; 3]).contains("size"));
     assert!(SceneName::from_name("ball").is_err());
+}
+
+#[test]
+fn wedges_kinks_and_radii_of_curves_are_those_of_the_solids() {
+    let range = |scene: SceneName| {
+        let phantom = phantom(scene, 64);
+        let truth = phantom.truth();
+        let mut found = (f64::INFINITY, f64::NEG_INFINITY);
+        for piece in truth.junctions() {
+            for k in 0..40 {
+                let t = piece.low + (piece.high - piece.low) * (f64::from(k) + 0.5) / 40.0;
+                let wedge = truth.smallest_wedge(piece, t);
+                found = (found.0.min(wedge), found.1.max(wedge));
+            }
+        }
+        for edge in truth.edges().filter(|_| scene != SceneName::BoltInPlate) {
+            let wedge = truth.smallest_wedge(edge, 0.4 * edge.low + 0.6 * edge.high);
+            assert!((wedge - 90.0).abs() < 1e-6, "{scene:?} {wedge}");
+        }
+        (found, truth.junction_kinks().len())
+    };
+    let near = |found: f64, expected: f64| assert!((found - expected).abs() < 0.5, "{found} {expected}");
+    let ((low, high), kinks) = range(SceneName::PressFitRing);
+    near(low, 90.0);
+    near(high, 90.0);
+    assert_eq!(kinks, 0, "circles have no ends");
+    let ((low, high), kinks) = range(SceneName::CubeInCube);
+    near(low, 66.0);
+    assert!(high < 90.0);
+    assert_eq!(kinks, 4);
+    let ((low, high), _) = range(SceneName::SphereOnCylinder);
+    near(low, 77.0);
+    near(high, 77.0);
+    // Six straight pieces in a ring; where four materials meet is no kink.
+    assert_eq!(range(SceneName::FlushCubes).1, 6);
+    let four = phantom(SceneName::FourMaterials, 64);
+    let truth = four.truth();
+    for kink in truth.junction_kinks() {
+        assert!(truth.junction_points().iter().all(|p| p.distance(*kink) > 1.0));
+    }
+    let (centre, a, b) = (DVec3::ONE, 2.0 * DVec3::X, 3.0 * DVec3::Y);
+    let curve = Curve::Ellipse { centre, a, b };
+    // b^2 / a and a^2 / b at the ends of the half axes.
+    assert!((curve.radius(0.0) - 4.5).abs() < 1e-12);
+    assert!((curve.radius(std::f64::consts::FRAC_PI_2) - 4.0 / 3.0).abs() < 1e-12);
 }
 
 #[test]
