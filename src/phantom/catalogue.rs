@@ -207,6 +207,15 @@ impl SceneName {
         matches!(self, Self::ThinPlate | Self::ThinGap | Self::ThinLayer)
     }
 
+    /// The two surfaces of the thin part or gap that `--thickness` is about; their normals point out of it.
+    pub(super) fn thin_faces(self) -> Option<[usize; 2]> {
+        match self {
+            Self::ThinPlate => Some([4, 5]),
+            Self::ThinGap | Self::ThinLayer => Some([6, 7]),
+            _ => None,
+        }
+    }
+
     /// Whether `--extent` matters.
     #[must_use]
     pub fn uses_extent(self) -> bool {

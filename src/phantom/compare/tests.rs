@@ -69,7 +69,8 @@ fn a_globe_too_large_by_a_known_amount_is_measured_so_both_ways() {
         let (positions, triangles) = globe(centre, radius + offset, 120);
         let pairs = vec![pair(1, 0); triangles.len()];
         let mesh = mesh_of(&phantom, positions, triangles, pairs);
-        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let found =
+            compare(&mesh, &phantom, None, &CompareOptions::default(), &Execution::default()).unwrap();
         assert_eq!(found.pairs.len(), 1);
         for split in [found.pairs[0].mesh_to_truth, found.pairs[0].truth_to_mesh] {
             let all = split.all.unwrap();
@@ -77,8 +78,10 @@ fn a_globe_too_large_by_a_known_amount_is_measured_so_both_ways() {
             assert!((all.mm.signed_mean - offset).abs() < 2e-3, "{} {offset}", all.mm.signed_mean);
             assert!((all.voxels.rms - 2.0 * offset.abs()).abs() < 4e-3);
             assert!((all.mm.max - offset.abs()).abs() < 4e-3);
-            assert!(split.near_junction.is_none() && split.near_edge.is_none() && split.clear.is_some());
-            assert_eq!(split.clear, split.off_junctions);
+            assert!(split.wide.near_junction.is_none() && split.wide.near_edge.is_none());
+            assert_eq!(split.wide.clear, split.wide.off_junctions);
+            assert!(split.wide.clear.is_some());
+            assert_eq!(split.close, split.wide, "without curves no distance matters");
         }
         let material = &found.materials[1];
         let growth = 100.0 * ((1.0 + offset / radius).powi(3) - 1.0);
@@ -107,7 +110,7 @@ fn a_globe_elsewhere_is_false_and_a_missing_interface_is_seen_from_the_truth() {
     triangles.extend(their.iter().map(|t| t.map(|v| v + base)));
     pairs.extend(vec![pair(1, 0); their.len()]);
     let mesh = mesh_of(&phantom, positions, triangles, pairs);
-    let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+    let found = compare(&mesh, &phantom, None, &CompareOptions::default(), &Execution::default()).unwrap();
     let tally = found.false_triangles;
     assert!(tally.near.triangles + tally.clear.triangles >= count);
     assert_eq!(tally.wrong_pair, Tally::default());
@@ -116,7 +119,7 @@ fn a_globe_elsewhere_is_false_and_a_missing_interface_is_seen_from_the_truth() {
     assert!(missing.truth_to_mesh.all.is_none() && missing.mesh_to_truth.all.is_none());
     assert!(missing.truth_area > 0.0);
     let junctions = found.junctions.unwrap();
-    assert!(junctions.mesh_to_truth.is_none() && junctions.truth_length > 0.0);
+    assert!(junctions.all.mesh_to_truth.is_none() && junctions.truth_length > 0.0);
 }
 
 #[test]
@@ -138,10 +141,10 @@ fn a_fan_on_a_true_junction_circle_has_a_junction_distance_of_the_chords_only() 
     let mesh = mesh_of(&phantom, positions, triangles, pairs);
     let rim: Vec<[u32; 2]> = junctions::edges(&mesh).junction.into_iter().filter(|e| e[0] > 0).collect();
     assert_eq!(rim.len(), n as usize);
-    let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+    let found = compare(&mesh, &phantom, None, &CompareOptions::default(), &Execution::default()).unwrap();
     let junctions = found.junctions.unwrap();
-    assert!(junctions.truth_to_mesh.unwrap().mm.max < 2e-3);
-    assert!(junctions.mesh_to_truth.unwrap().mm.max > 1.0, "the spokes are not on the circle");
+    assert!(junctions.all.truth_to_mesh.unwrap().mm.max < 2e-3);
+    assert!(junctions.all.mesh_to_truth.unwrap().mm.max > 1.0, "the spokes are not on the circle");
 }
 
 /// The faces between lattice cubes of different materials: rough, but with the right topology.
@@ -186,7 +189,7 @@ fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
         let phantom = phantom(scene, 1.0);
         let mesh = blocks(&phantom);
         let options = CompareOptions { step: 1.0, ..CompareOptions::default() };
-        let found = compare(&mesh, &phantom, &options, &Execution::default()).unwrap();
+        let found = compare(&mesh, &phantom, None, &options, &Execution::default()).unwrap();
         for material in &found.materials {
             assert_eq!(material.topology, material.expected, "{scene:?} {}", material.name);
             if let Some(error) = material.volume_error_percent {
@@ -204,8 +207,8 @@ fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
         if let Some(junctions) = &found.junctions
             && scene.materials().len() > 2
         {
-            assert!(junctions.mesh_to_truth.unwrap().voxels.rms < 1.0, "{scene:?} {junctions:?}");
-            assert!(junctions.truth_to_mesh.unwrap().voxels.max < 2.0, "{scene:?} {junctions:?}");
+            assert!(junctions.all.mesh_to_truth.unwrap().voxels.rms < 1.0, "{scene:?} {junctions:?}");
+            assert!(junctions.all.truth_to_mesh.unwrap().voxels.max < 2.0, "{scene:?} {junctions:?}");
         }
         assert_eq!(found.false_triangles, FalseTriangles::default());
     }
@@ -240,7 +243,8 @@ fn a_box_has_sharp_edges_and_one_that_is_too_small_misses_them_by_the_diagonal()
         let (positions, triangles) = cuboid(centre - half + inset, centre + half - inset);
         let pairs = vec![pair(1, 0); triangles.len()];
         let mesh = mesh_of(&phantom, positions, triangles, pairs);
-        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let found =
+            compare(&mesh, &phantom, None, &CompareOptions::default(), &Execution::default()).unwrap();
         let [edges] = &found.edges[..] else { panic!("{:?}", found.edges) };
         assert!((edges.truth_length - 8.0 * half.element_sum()).abs() < 1e-9);
         assert!(
