@@ -32,7 +32,7 @@ pub(crate) struct Args {
     /// The mesh, as `interfacet extract` writes it.
     mesh: PathBuf,
     /// The truth file that was written beside the phantom's volume.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness", "extent"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness", "angle", "fillet", "extent"])]
     truth: Option<PathBuf>,
     /// The phantom by name, with the options below as it was made.
     #[arg(long, value_name = "NAME", conflicts_with = "truth", required_unless_present = "truth")]

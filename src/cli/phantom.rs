@@ -32,6 +32,12 @@ pub(super) struct ObjectArgs {
     /// Thickness of the thin part or gap of thin-plate, thin-gap and thin-layer in voxels.
     #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
     thickness: f64,
+    /// Degrees of the aluminium wedge of wedge.
+    #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
+    angle: f64,
+    /// Radius of the rounded edges of fillet in voxels.
+    #[arg(long, value_name = "VOXELS", default_value_t = 3.0)]
+    fillet: f64,
     /// Edges of the box of cube in voxels, before it is turned, instead of --fill: one number, or X,Y,Z.
     #[arg(long, value_name = "N|X,Y,Z", value_parser = one_or_three::<f64>, conflicts_with = "fill")]
     extent: Option<[f64; 3]>,
@@ -48,6 +54,8 @@ impl ObjectArgs {
             shift: self.shift,
             fill: self.fill,
             thickness: self.thickness,
+            angle: self.angle,
+            fillet: self.fillet,
             extent: self.extent,
             ..PhantomOptions::default()
         }
@@ -59,6 +67,8 @@ Examples:
   interfacet phantom press-fit-ring --out part.mha
       writes part.mha, and the exact geometry to part.phantom.json
   interfacet phantom thin-plate --thickness 2.5 --size 128 --noise 3 --out plate.mha
+  interfacet phantom wedge --angle 30 --noise 2 --noise-correlation 0.8 --out wedge.mha
+      a bar of aluminium that tapers to 30 degrees where it meets iron and air, in noise as of a reconstruction
   interfacet phantom cube --extent 40,40,20 --rotate 0,0,0 --shift 0,0,0 --binary --out cube.mha
       a box whose faces lie on voxel boundaries, of two grey values only
   interfacet phantom --list

@@ -15,6 +15,7 @@ mod corners;
 mod curve;
 mod kernel;
 mod noise;
+mod objects;
 mod options;
 mod pieces;
 mod raster;
@@ -65,19 +66,34 @@ impl Phantom {
             None => DVec3::ONE,
         };
         let scale = scale(options, &geometry, &rotation, half)?;
-        let thickness = options.thickness * geometry.voxel_edge() / scale;
-        let limit = options.scene.max_thickness();
-        if thickness > limit {
-            let limit = limit * scale / geometry.voxel_edge();
-            return Err(PhantomError::Range {
-                name: "thickness",
-                value: options.thickness,
-                range: format!("at most {limit:.1} voxels in a volume of this size"),
-            });
+        let voxel = geometry.voxel_edge() / scale;
+        for (name, value, limit) in [
+            ("thickness", options.thickness, options.scene.max_thickness()),
+            ("fillet", options.fillet, options.scene.max_fillet()),
+        ] {
+            if value * voxel > limit {
+                let range = format!("at most {:.1} voxels in a volume of this size", limit / voxel);
+                return Err(PhantomError::Range { name, value, range });
+            }
         }
+        let limit = options.scene.max_voxel();
+        if voxel > limit {
+            let needed = (options.size.map(|n| n as f64).into_iter().fold(f64::INFINITY, f64::min) * voxel
+                / limit)
+                .ceil();
+            let range = format!("such that the object's parts fit: about {needed} voxels per axis or more");
+            return Err(PhantomError::Range { name: "size", value: options.size[0] as f64, range });
+        }
+        let shape = objects::Shape {
+            thickness: options.thickness * voxel,
+            half,
+            angle: options.angle,
+            fillet: options.fillet * voxel,
+            voxel,
+        };
         let middle = DVec3::from(options.size.map(|n| 0.5 * (n as f64 - 1.0)));
         let centre = geometry.world(middle + DVec3::from(options.shift));
-        let blueprint = options.scene.blueprint(catalogue::Shape { thickness, half });
+        let blueprint = options.scene.blueprint(shape);
         let scene = blueprint.scene.placed(&rotation, scale, centre);
         let volumes = blueprint.volumes.iter().map(|v| v * scale.powi(3)).collect();
         let radius = scale

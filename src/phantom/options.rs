@@ -39,6 +39,10 @@ pub struct PhantomOptions {
     /// Thickness of a thin part or gap, in voxels (edges of the cube with a voxel's volume).
     /// Only some scenes have one.
     pub thickness: f64,
+    /// Degrees of the aluminium wedge of the scene `wedge`: 15 to 135.
+    pub angle: f64,
+    /// Radius of the rounded edges of the scene `fillet`, in voxels.
+    pub fillet: f64,
     /// Edges of the box in voxels per axis, before it is turned; `fill` has no say then. Only the scene
     /// `cube` has them; `None`: a cube.
     pub extent: Option<[f64; 3]>,
@@ -78,6 +82,8 @@ impl Default for PhantomOptions {
             shift: [0.31, -0.17, 0.23],
             fill: 0.75,
             thickness: 4.0,
+            angle: 60.0,
+            fillet: 3.0,
             extent: None,
             binary: false,
             sigma: 1.15,
@@ -179,6 +185,9 @@ impl PhantomOptions {
         range("fill", self.fill, self.fill > 0.0 && self.fill <= 1.0, "above 0 and at most 1")?;
         let t = self.thickness;
         range("thickness", t, t > 0.0 && t.is_finite(), "a positive number of voxels")?;
+        range("angle", self.angle, (15.0..=135.0).contains(&self.angle), "15 to 135 degrees")?;
+        let radius = self.fillet;
+        range("fillet", radius, radius > 0.0 && radius.is_finite(), "a positive number of voxels")?;
         if self.extent.is_some() && !self.scene.uses_extent() {
             return Err(PhantomError::Extent { scene: self.scene.name() });
         }

@@ -8,6 +8,8 @@ use super::*;
 use crate::grid::MaterialId;
 
 fn options(scene: SceneName, size: usize) -> PhantomOptions {
+    // Pores have their size in voxels and need room.
+    let size = if scene == SceneName::Pores { size.max(48) } else { size };
     PhantomOptions { scene, size: [size; 3], ..PhantomOptions::default() }
 }
 
@@ -122,7 +124,7 @@ fn exact_volumes_agree_with_quadrature_along_lines() {
 fn junction_curves_have_three_materials_around_and_points_four() {
     for scene in SceneName::ALL {
         let truth = phantom(scene, 64).truth().clone();
-        let has = scene.materials().len() > 2;
+        let has = scene.materials().len() > 2 && scene != SceneName::Pores;
         assert_eq!(truth.junctions().count() > 0, has, "{scene:?}");
         let probes = points((DVec3::ZERO, 1.0), 200, 5);
         for piece in truth.junctions() {
@@ -341,7 +343,7 @@ fn wedges_kinks_and_radii_of_curves_are_those_of_the_solids() {
     near(high, 90.0);
     assert_eq!(kinks, 0, "circles have no ends");
     let ((low, high), kinks) = range(SceneName::CubeInCube);
-    near(low, 66.0);
+    near(low, 70.5);
     assert!(high < 90.0);
     assert_eq!(kinks, 4);
     let ((low, high), _) = range(SceneName::SphereOnCylinder);
@@ -349,6 +351,27 @@ fn wedges_kinks_and_radii_of_curves_are_those_of_the_solids() {
     near(high, 77.0);
     // Six straight pieces in a ring; where four materials meet is no kink.
     assert_eq!(range(SceneName::FlushCubes).1, 6);
+    let wedge = |angle: f64| {
+        let options = PhantomOptions { angle, ..options(SceneName::Wedge, 64) };
+        let phantom = Phantom::new(&options).unwrap();
+        let truth = phantom.truth();
+        assert_eq!(truth.junction_kinks().len(), 4);
+        truth
+            .junctions()
+            .map(|piece| (truth.smallest_wedge(piece, 0.5 * (piece.low + piece.high)), piece.length()))
+            .fold([0.0; 2], |[inclined, upright], (found, length)| {
+                if (found - 90.0).abs() < 1e-6 {
+                    [inclined, upright + length]
+                } else {
+                    assert!((found - angle.min(180.0 - angle)).abs() < 1e-6, "{found} for {angle}");
+                    [inclined + length, upright]
+                }
+            })
+    };
+    for angle in [15.0, 30.0, 60.0, 120.0, 135.0] {
+        let [inclined, upright] = wedge(angle);
+        assert!((inclined / upright - 1.6 / 1.4).abs() < 1e-9, "{angle}");
+    }
     let four = phantom(SceneName::FourMaterials, 64);
     let truth = four.truth();
     for kink in truth.junction_kinks() {
@@ -395,6 +418,58 @@ fn sharp_edges_and_corners_are_those_of_the_solids() {
     assert!(phantom(SceneName::Sphere, 32).truth().corners().is_empty());
     // Circles are edges without ends.
     assert_eq!(phantom(SceneName::PressFitRing, 64).truth().corners().len(), 8);
+}
+
+#[test]
+fn rounded_edges_are_seams_and_no_sharp_edges_at_every_radius() {
+    for radius in [1.0, 2.5, 6.0] {
+        let made = PhantomOptions { fillet: radius, spacing: [0.5; 3], ..options(SceneName::Fillet, 64) };
+        let phantom = Phantom::new(&made).unwrap();
+        let truth = phantom.truth();
+        let seams: Vec<&CurvePiece> = truth.curves().iter().filter(|piece| piece.is_smooth).collect();
+        assert_eq!(seams.len(), 8, "two at each rounded edge");
+        let height = seams[0].length();
+        assert!(seams.iter().all(|seam| (seam.length() - height).abs() < 1e-9 && seam.edge_pair().is_none()));
+        // Top and bottom keep their sharp edges, without corners: straight pieces and quarters of circles.
+        assert!(truth.corners().is_empty());
+        let scale = height / 1.8;
+        let r = 0.5 * radius;
+        let around = 4.0 * (1.85 * scale - 2.0 * r) + std::f64::consts::TAU * r;
+        assert!((truth.edge_length() - 2.0 * around).abs() < 1e-6, "{radius}");
+        assert!(truth.edges().all(|e| (truth.smallest_wedge(e, 0.5 * (e.low + e.high)) - 90.0).abs() < 1e-4));
+        // Half-way up a rounded edge the surface is r (sqrt 2 - 1) from where the sharp one would be.
+        let (pair, turn) = (truth.pairs()[0], surface::rotation(phantom.options().rotation));
+        let edge = truth.ball().0 + turn * (scale * DVec3::new(1.0, 0.85, 0.0));
+        let found = truth.closest(pair, edge).unwrap();
+        assert!((found.distance - r * (2.0_f64.sqrt() - 1.0)).abs() < 1e-9 && found.in_front);
+    }
+    let too_large = PhantomOptions { fillet: 30.0, ..options(SceneName::Fillet, 64) };
+    assert!(Phantom::new(&too_large).unwrap_err().to_string().contains("fillet"));
+}
+
+#[test]
+fn pores_have_the_radii_in_voxels_at_every_size_and_need_room() {
+    for (size, spacing) in [(48, 1.0), (96, 0.25)] {
+        let made = PhantomOptions { spacing: [spacing; 3], ..options(SceneName::Pores, size) };
+        let phantom = Phantom::new(&made).unwrap();
+        let radii: Vec<f64> = phantom
+            .truth()
+            .scene()
+            .surfaces()
+            .iter()
+            .filter_map(
+                |s| if let Surface::Sphere { radius, .. } = s { Some(radius / spacing) } else { None },
+            )
+            .collect();
+        assert_eq!(radii.len(), 6);
+        for (found, expected) in radii.iter().zip([2.0, 2.0, 3.0, 3.0, 4.0, 4.0]) {
+            assert!((found - expected).abs() < 1e-9);
+        }
+    }
+    let small = PhantomOptions { scene: SceneName::Pores, size: [40; 3], ..PhantomOptions::default() };
+    assert!(Phantom::new(&small).unwrap_err().to_string().contains("size"));
+    let flat = PhantomOptions { angle: 10.0, ..PhantomOptions::default() };
+    assert!(Phantom::new(&flat).unwrap_err().to_string().contains("angle"));
 }
 
 #[test]

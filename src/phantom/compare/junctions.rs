@@ -12,7 +12,7 @@ use super::Lengths;
 use super::nearest::Segments;
 use super::points::{self, PointComparison};
 use super::sharp_edges::along;
-use super::statistics::{Distances, Sample};
+use super::statistics::{Distances, Sample, total};
 use crate::grid::MaterialId;
 use crate::mesh::InterfaceMesh;
 use crate::phantom::{CurvePiece, Truth};
@@ -106,8 +106,8 @@ pub(super) fn edges(mesh: &InterfaceMesh) -> Edges {
 pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) -> Option<JunctionComparison> {
     let Edges { junction: edges, touching } = edges(mesh);
     let length = |[p, q]: [u32; 2]| (mesh.positions()[p as usize] - mesh.positions()[q as usize]).length();
-    let mesh_length = edges.iter().map(|e| length(*e)).sum();
-    let truth_length = truth.junction_length();
+    let mesh_length = total(edges.iter().map(|e| length(*e)));
+    let truth_length = total(truth.junctions().map(CurvePiece::length));
     if edges.is_empty() && touching == 0 && truth.junctions().next().is_none() {
         return None;
     }

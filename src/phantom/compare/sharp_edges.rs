@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Lengths;
 use super::nearest::{Segments, Triangles};
-use super::statistics::{Distances, Sample};
+use super::statistics::{Distances, Sample, total};
 use crate::grid::Pair;
 use crate::mesh::InterfaceMesh;
 use crate::phantom::Truth;
@@ -137,12 +137,12 @@ fn of_pair(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths, pair: Pair) -
         back: pair.back().0,
         front: pair.front().0,
         truth_length: points.iter().map(|p| p.weight).sum(),
-        crease_length: sides.creases.iter().map(|e| ends(e)[0].distance(ends(e)[1])).sum(),
+        crease_length: total(sides.creases.iter().map(|e| ends(e)[0].distance(ends(e)[1]))),
         to_surface: of(&on_surface, &|_| true),
         to_surface_clear: of(&on_surface, &|p| p.clear),
         to_mesh_edge: of(&on_edges, &|_| true),
         to_mesh_edge_clear: of(&on_edges, &|p| p.clear),
-        stray_crease_length: stray.map(|s| s.weight).sum(),
+        stray_crease_length: total(stray.map(|s| s.weight)),
         crease_to_edge: Distances::of(samples.iter().copied(), lengths.voxel),
         right: by_ends(true),
         oblique: by_ends(false),
