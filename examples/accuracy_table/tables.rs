@@ -83,7 +83,20 @@ pub(crate) fn summary(out: &mut impl Write, outcomes: &[Outcome]) -> io::Result<
         }
         writeln!(out)?;
     }
-    Ok(())
+    // An object that is lost spoils no figure above, so it is named here.
+    write!(out, "| objects of which nothing was found |")?;
+    for column in 0..CONDITIONS.len() {
+        let lost: Vec<String> = of_role(outcomes, Role::General)
+            .filter(|o| o.column == column && o.found.is_err())
+            .map(|o| o.case.title())
+            .collect();
+        write!(
+            out,
+            " {} |",
+            if lost.is_empty() { "none".into() } else { format!("**{}**", lost.join(", ")) }
+        )?;
+    }
+    writeln!(out)
 }
 
 /// A row for each object and image.

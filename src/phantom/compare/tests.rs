@@ -150,7 +150,8 @@ fn a_fan_on_a_true_junction_circle_has_a_junction_distance_of_the_chords_only() 
 /// The faces between lattice cubes of different materials: rough, but with the right topology.
 fn blocks(phantom: &Phantom) -> InterfaceMesh {
     let n = 48_u32;
-    let at = |i: [u32; 3]| phantom.truth().material_at(DVec3::from(i.map(f64::from)));
+    let spacing = phantom.geometry().voxel_edge();
+    let at = |i: [u32; 3]| phantom.truth().material_at(spacing * DVec3::from(i.map(f64::from)));
     let id = |i: [u32; 3]| (i[2] * (n + 1) + i[1]) * (n + 1) + i[0];
     let mut index = std::collections::BTreeMap::new();
     let (mut positions, mut triangles, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
@@ -173,7 +174,7 @@ fn blocks(phantom: &Phantom) -> InterfaceMesh {
         }
         let corners = ring.map(|c| {
             *index.entry(id(c)).or_insert_with(|| {
-                positions.push(DVec3::from(c.map(f64::from)) - 0.5);
+                positions.push(spacing * (DVec3::from(c.map(f64::from)) - 0.5));
                 positions.len() as u32 - 1
             })
         });
@@ -237,6 +238,24 @@ fn the_blocks_of_every_scene_have_its_topology_volumes_and_junctions() {
                 "{sphere:?}"
             );
         }
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_figure() {
+    for scene in [SceneName::FourMaterials, SceneName::ThinLayer, SceneName::Fillet] {
+        let phantom = phantom(scene, 0.7);
+        let mesh = blocks(&phantom);
+        let sigmas: Vec<f32> = (0..mesh.positions().len()).map(|v| 0.1 + 0.01 * (v % 7) as f32).collect();
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let options = CompareOptions { step: 1.0, ..CompareOptions::default() };
+            let found = pool.install(|| {
+                compare(&mesh, &phantom, Some(&sigmas), &options, &Execution::default()).unwrap()
+            });
+            serde_json::to_string(&found).unwrap()
+        };
+        assert_eq!(run(1), run(3), "{scene:?}");
     }
 }
 
