@@ -217,6 +217,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--objects", nargs="+", default=OBJECTS + THIN, help="scenes, with their number: wedge:30")
     parser.add_argument("--size", type=int, default=112, help="voxels per axis (default 112)")
+    parser.add_argument("--fill", type=float, default=0.85, help="share of that which the object takes up (default 0.85)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--rotate", default="7.3,11.9,4.1", help="degrees about x, y, z")
     parser.add_argument("--ours", action="append", help="options of our extract; may be given several times (default: none)")
@@ -244,7 +245,7 @@ def main():
         for column, (condition, image) in enumerate(CONDITIONS.items()):
             volume = options.work / f"{scene}{number}-{column}.mha"
             truth = volume.with_suffix(".phantom.json")
-            place = ["--size", options.size, "--seed", options.seed, f"--rotate={options.rotate}"]
+            place = ["--size", options.size, "--fill", options.fill, "--seed", options.seed, f"--rotate={options.rotate}"]
             must_run([program, "phantom", scene, *own, *place, *image, "--uncompressed", "--out", volume])
             for tool, extra in ours.items():
                 out = options.work / "ours"

@@ -34,6 +34,9 @@ pub(crate) struct Args {
     /// Voxels per axis.
     #[arg(long, default_value_t = 112)]
     size: usize,
+    /// Share of the volume's side that the turned object takes up.
+    #[arg(long, default_value_t = 0.85)]
+    fill: f64,
     /// Sigma of the blur in voxels, without the voxel's own box.
     #[arg(long, default_value_t = 1.15)]
     sigma: f64,
@@ -90,8 +93,8 @@ impl Args {
             String::new()
         };
         format!(
-            "{:?}, accuracy {:?}; {set} set, {} voxels per axis, blur sigma {}{correlation}",
-            self.method, self.accuracy, self.size, self.sigma
+            "{:?}, accuracy {:?}; {set} set, {} voxels per axis, fill {}, blur sigma {}{correlation}",
+            self.method, self.accuracy, self.size, self.fill, self.sigma
         )
     }
 
@@ -127,6 +130,7 @@ impl Args {
         let base = PhantomOptions {
             scene: case.scene,
             size: [self.size; 3],
+            fill: self.fill,
             sigma: self.sigma,
             rotation,
             noise: Noise::Percent(condition.noise),

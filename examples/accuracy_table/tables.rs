@@ -247,7 +247,7 @@ pub(crate) fn fillets(out: &mut impl Write, outcomes: &[Outcome]) -> io::Result<
     columns.extend([
         "mean / RMS / 99 % / max from the rounding to the mesh",
         "a sharp edge would be off by",
-        "folds above 45 degrees off every true edge, mm",
+        "folds above 45 degrees off every true edge, mm, of a rounding's length",
     ]);
     head(out, "Rounded edges (must not become sharp)", &columns)?;
     for outcome in rows {
@@ -257,10 +257,11 @@ pub(crate) fn fillets(out: &mut impl Write, outcomes: &[Outcome]) -> io::Result<
             let figures = fillet.to_mesh.map(|d| d.voxels).map(|f| [f.signed_mean, f.rms, f.p99, f.max]);
             writeln!(
                 out,
-                "| {} | {} | {:.3} | {stray:.2} |",
+                "| {} | {} | {:.3} | {stray:.1} of {:.1} |",
                 start(outcome),
                 optional(figures.as_ref().map(|f| &f[..])),
                 (1.0 - 0.5_f64.sqrt()) * fillet.radius,
+                fillet.length,
             )?;
         }
     }

@@ -6,15 +6,17 @@ use serde::{Deserialize, Serialize};
 
 use super::Lengths;
 use super::nearest::Triangles;
-use super::statistics::{Distances, Sample};
+use super::statistics::{Distances, Sample, total};
 use crate::mesh::InterfaceMesh;
-use crate::phantom::{Surface, Truth};
+use crate::phantom::{CurvePiece, Surface, Truth};
 
 /// The rounded edges of one radius: cylinders that pass into other surfaces without a bend.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FilletComparison {
     /// Their radius, voxels.
     pub radius: f64,
+    /// Their length, mm: half that of their seams.
+    pub length: f64,
     /// From points on them, farther than the near distance from every sharp edge and junction curve, to the mesh. An edge
     /// in the place of a right-angled fillet of radius r is 0.41 r off in the middle.
     pub to_mesh: Option<Distances>,
@@ -58,8 +60,13 @@ pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) ->
                 .filter(|(_, p, _)| on(*p) && away(*p))
                 .filter_map(|&(_, p, weight)| Some(Sample { signed: surface.as_ref()?.signed(p), weight }))
                 .collect();
+            let seams = truth
+                .curves()
+                .iter()
+                .filter(|piece| piece.is_smooth && piece.touching_surfaces().iter().any(|s| own.contains(s)));
             FilletComparison {
                 radius: r / lengths.voxel,
+                length: 0.5 * total(seams.map(CurvePiece::length)),
                 to_mesh: Distances::of(found.into_iter(), lengths.voxel),
             }
         })

@@ -352,7 +352,7 @@ fn a_sharp_box_in_the_place_of_a_rounded_one_is_seen() {
     let error = fillet.to_mesh.unwrap().voxels;
     // To the nearer face from the middle of the rounding: r (1 - 1 / sqrt 2), where it peaks between two samples.
     let most = 4.0 * (1.0 - 0.5_f64.sqrt());
-    assert!((fillet.radius - 4.0).abs() < 1e-9);
+    assert!((fillet.radius - 4.0).abs() < 1e-9 && (fillet.length - 8.0 * half.z).abs() < 1e-9);
     assert!(error.max <= most + 1e-9 && error.max > most - 0.2, "{error:?}");
     // An upright edge of the box is r (sqrt 2 - 1) from the curved edges at its ends, and stray beyond two voxels of them.
     let stray = found.edges[0].stray_crease_length;
