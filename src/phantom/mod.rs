@@ -13,6 +13,8 @@ mod catalogue;
 pub mod compare;
 mod corners;
 mod curve;
+#[cfg(test)]
+mod image_tests;
 mod kernel;
 mod noise;
 mod objects;
