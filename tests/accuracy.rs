@@ -64,7 +64,7 @@ fn run_with(options: &PhantomOptions, expected: std::ops::Range<f64>) -> Found {
     assert!(defects.is_empty() && defects.self_intersections_checked, "{defects:?}");
     let at = |clear: f64| {
         let options = CompareOptions { clear, ..CompareOptions::default() };
-        compare(&extraction.mesh, &phantom, &options, &execution).unwrap()
+        compare(&extraction.mesh, &phantom, None, &options, &execution).unwrap()
     };
     Found { at_2r: at(2.0 * radius), beyond: at(2.0 * radius + BEYOND_2R) }
 }
@@ -88,7 +88,8 @@ fn assert_accurate(found: &Found, rms: f64) {
         let mut seen = 0;
         for pair in &comparison.pairs {
             assert!(pair.in_truth && pair.triangles > 0, "{} {pair:?}", comparison.scene);
-            for clear in [pair.mesh_to_truth.clear, pair.truth_to_mesh.clear].into_iter().flatten() {
+            for clear in [pair.mesh_to_truth.wide.clear, pair.truth_to_mesh.wide.clear].into_iter().flatten()
+            {
                 let what = format!("{} {}/{}: {clear:?}", comparison.scene, pair.back, pair.front);
                 assert!(clear.voxels.rms <= rms && clear.voxels.max <= max, "{what}");
                 seen += clear.samples;
@@ -133,7 +134,7 @@ fn curved_interfaces_are_off_by_the_shift_of_the_blur_and_little_else() {
     let radius = 0.5 * 0.75 * size as f64;
     let shift = (SIGMA2 + 0.5 * CHORDS) / radius;
     assert_accurate(&found, shift + 0.5 * CHORDS / radius + NOISE);
-    let clear = found.at_2r.pairs[0].mesh_to_truth.clear.unwrap().voxels;
+    let clear = found.at_2r.pairs[0].mesh_to_truth.wide.clear.unwrap().voxels;
     assert!(
         (clear.signed_mean + shift).abs() < 0.5 * CHORDS / radius + NOISE,
         "{clear:?}, expected {}",
@@ -156,7 +157,7 @@ fn four_materials_that_meet_in_points_keep_their_topology() {
     assert_eq!(found.at_2r.false_triangles.clear.triangles, 0);
     for pair in &found.beyond.pairs {
         // Between the junction curves of a disc this small little is clear of them all.
-        let clear = pair.mesh_to_truth.clear;
+        let clear = pair.mesh_to_truth.wide.clear;
         assert!(clear.is_none_or(|c| c.voxels.max <= DISTURBED), "{pair:?}");
     }
 }

@@ -30,47 +30,15 @@ import os
 import subprocess
 import sys
 import time
-import venv
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from common import OUTSIDE, ROOT, must_run, our_program, python_with, read_assembly, run, write_assembly
+
 PACKAGES = ["vtk", "numpy", "scipy", "pyfqmr", "pymeshlab"]
-OUTSIDE = 255
 SEED = 7
 
 
 # ---- meshes ----------------------------------------------------------------------------------------------------
-
-def read_assembly(path):
-    """Positions, triangles, pairs (back, front) and the comments on materials of a PLY that we wrote."""
-    import numpy as np
-
-    data = path.read_bytes()
-    end = data.index(b"end_header\n") + len(b"end_header\n")
-    header = data[:end].decode("latin-1").splitlines()
-    count = {line.split()[1]: int(line.split()[2]) for line in header if line.startswith("element")}
-    real = "<f8" if "property double x" in header else "<f4"
-    vertex = np.dtype([("p", real, 3), ("kind", "u1")])
-    face = np.dtype([("n", "u1"), ("v", "<i4", 3), ("pair", "u1", 2)])
-    vertices = np.frombuffer(data, vertex, count["vertex"], end)
-    faces = np.frombuffer(data, face, count["face"], end + vertices.nbytes)
-    materials = [line for line in header if line.startswith("comment material")]
-    return vertices["p"].astype(float), faces["v"].astype(np.int64), faces["pair"].astype(np.int64), materials
-
-
-def write_assembly(path, positions, triangles, pairs, materials):
-    import numpy as np
-
-    vertices = np.zeros(len(positions), np.dtype([("p", "<f4", 3), ("kind", "u1")]))
-    vertices["p"], vertices["kind"] = positions, 2
-    faces = np.zeros(len(triangles), np.dtype([("n", "u1"), ("v", "<i4", 3), ("pair", "u1", 2)]))
-    faces["n"], faces["v"], faces["pair"] = 3, triangles, pairs
-    header = ["ply", "format binary_little_endian 1.0", *materials, f"element vertex {len(vertices)}"]
-    header += [f"property float {a}" for a in "xyz"] + ["property uchar kind", f"element face {len(faces)}"]
-    header += ["property list uchar int vertex_indices", "property uchar material_back"]
-    header += ["property uchar material_front", "end_header", ""]
-    path.write_bytes("\n".join(header).encode() + vertices.tobytes() + faces.tobytes())
-
 
 def write_stl(path, shells):
     import numpy as np
@@ -246,10 +214,6 @@ def conformity(shells):
     return 100 * alone, apart, area * np.maximum(depth, 0).mean(), area * np.maximum(-depth, 0).mean()
 
 
-def run(command):
-    return subprocess.run([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
 def crossings(program, path):
     found = run([program, "check", path, "--json", "-"])
     return json.loads(found.stdout)["defects"]["self_intersections"]["count"]
@@ -259,9 +223,7 @@ def against_truth(program, path, truth):
     """RMS and maximum of the error, RMS clear of junctions and edges, RMS from true edges to the surface and to
     edges of triangles."""
     out = path.with_suffix(".json")
-    done = run([program, "compare", path, "--truth", truth, "--clear", 6, "--json", out])
-    if done.returncode != 0:
-        raise SystemExit(done.stderr)
+    must_run([program, "compare", path, "--truth", truth, "--clear", 6, "--json", out])
     found = json.loads(out.read_text())
 
     def pooled(parts):
@@ -372,25 +334,6 @@ def compare_on(title, program, work, volume, extra, truth, tolerances, tools):
             row(name, shells=shells, seconds=seconds, **common)
 
 
-def python_with_packages(given):
-    if given:
-        return given
-    directory = ROOT / "target" / "peers" / "decimate-venv"
-    python = directory / "bin" / "python"
-    if not python.exists():
-        print(f"installing {', '.join(PACKAGES)} into {directory}", file=sys.stderr)
-        venv.create(directory, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", *PACKAGES], check=True)
-    return str(python)
-
-
-def our_program(given):
-    if given:
-        return Path(given)
-    subprocess.run(["cargo", "build", "--release", "--bin", "interfacet"], cwd=ROOT, check=True)
-    return ROOT / "target" / "release" / "interfacet"
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--engine", type=Path, default=None, help="engine.mha; its first 100 slices are used")
@@ -403,7 +346,8 @@ def main():
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not options.inside:
-        python, program = python_with_packages(options.python), our_program(options.program)
+        python = python_with(PACKAGES, options.python, "decimate-venv")
+        program = our_program(options.program)
         command = [python, __file__, *sys.argv[1:], "--inside", "--program", program]
         raise SystemExit(subprocess.run(list(map(str, command)), env=os.environ).returncode)
 
@@ -411,7 +355,7 @@ def main():
     options.work.mkdir(parents=True, exist_ok=True)
     for scene in options.scenes:
         volume = options.work / f"{scene}.mha"
-        run([program, "phantom", scene, "--size", options.size, "--out", volume])
+        must_run([program, "phantom", scene, "--size", options.size, "--out", volume])
         title = f"{scene}, {options.size} voxels per axis, sigma 1.15, noise 1 %"
         compare_on(title, program, options.work / scene, volume, [], volume.with_suffix(".phantom.json"), options.tolerances, tools)
     if options.engine:

@@ -13,14 +13,12 @@ between the two sides, so that a change of the machine's load meets both. Ratios
 
 import argparse
 import os
-import re
 import statistics
 import subprocess
 import sys
-import venv
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from common import ROOT, our_bench, python_with
 
 # Our job, the peer's filter, and the wanted ratio of times (None: for comparison only).
 PAIRS = [
@@ -89,29 +87,6 @@ def peer(filter_name, directory, runs, threads):
         del surface, mesh
 
 
-def python_with_vtk(given):
-    """A Python that can import vtk and numpy."""
-    if given:
-        return given
-    directory = ROOT / "target" / "peers" / "venv"
-    python = directory / "bin" / "python"
-    if not python.exists():
-        print(f"installing vtk and numpy into {directory}", file=sys.stderr)
-        venv.create(directory, with_pip=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "vtk", "numpy"], check=True)
-    return str(python)
-
-
-def our_program(given):
-    """The bench binary, built as `cargo bench` builds it."""
-    if given:
-        return given
-    built = subprocess.run(
-        ["cargo", "bench", "--no-run", "--bench", "peers"], cwd=ROOT, check=True, stderr=subprocess.PIPE, text=True
-    )
-    return str(ROOT / re.search(r"\(([^()]*peers-[^()]*)\)", built.stderr).group(1))
-
-
 def measure(command, threads):
     """The runs that a process reports."""
     environment = dict(os.environ, RAYON_NUM_THREADS=str(threads))
@@ -141,7 +116,8 @@ def main():
         peer(options.peer[0], data, options.runs, int(options.peer[1]))
         return
 
-    python, program = python_with_vtk(options.python), our_program(options.program)
+    python = python_with(["vtk", "numpy"], options.python)
+    program = our_bench(options.program, "peers")
     if not (data / "size.txt").exists():
         subprocess.run([program, "write", data, *size], check=True)
     threads = options.threads or sorted({1, os.cpu_count()})

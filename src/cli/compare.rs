@@ -9,7 +9,9 @@ use anyhow::Context;
 use super::phantom::ObjectArgs;
 use crate::execution::Execution;
 use crate::export::{ReadOptions, read_mesh, write_atomically};
-use crate::phantom::compare::{CREASE, CompareOptions, Comparison, DISTURBED, Distances, compare};
+use crate::phantom::compare::{
+    CREASE, CompareOptions, Comparison, DISTURBED, Distances, NARROW, TIGHT, compare,
+};
 use crate::phantom::{Phantom, SceneName, Sidecar};
 use crate::report::RunReport;
 
@@ -30,7 +32,7 @@ pub(crate) struct Args {
     /// The mesh, as `interfacet extract` writes it.
     mesh: PathBuf,
     /// The truth file that was written beside the phantom's volume.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness", "extent"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["size", "spacing", "rotate", "shift", "fill", "thickness", "angle", "fillet", "extent"])]
     truth: Option<PathBuf>,
     /// The phantom by name, with the options below as it was made.
     #[arg(long, value_name = "NAME", conflicts_with = "truth", required_unless_present = "truth")]
@@ -40,6 +42,9 @@ pub(crate) struct Args {
     /// beside the mesh; 6 without one].
     #[arg(long, value_name = "VOXELS")]
     clear: Option<f64>,
+    /// Figures are also given apart for points within this many voxels of a junction curve or sharp edge.
+    #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().near)]
+    near: f64,
     /// Largest distance of sample points in voxels.
     #[arg(long, value_name = "VOXELS", default_value_t = CompareOptions::default().step)]
     step: f64,
@@ -57,9 +62,11 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode> {
     let phantom = phantom(args)?;
     let mesh = read_mesh(&args.mesh, &ReadOptions::default())?;
-    let options =
-        CompareOptions { clear: args.clear.unwrap_or_else(|| default_clear(args)), step: args.step };
-    let found = compare(&mesh, &phantom, &options, execution)?;
+    let clear = args.clear.unwrap_or_else(|| default_clear(args));
+    let options = CompareOptions { clear, near: args.near, step: args.step };
+    // A mesh does not yet carry standard deviations of its vertices: here they come in.
+    let sigmas: Option<&[f32]> = None;
+    let found = compare(&mesh, &phantom, sigmas, &options, execution)?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&found)? + "\n";
         write_atomically(path, |out| out.write_all(text.as_bytes()))?;
@@ -99,7 +106,7 @@ fn phantom(args: &Args) -> anyhow::Result<Phantom> {
 fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
     let names: Vec<&str> = found.materials.iter().map(|m| m.name.as_str()).collect();
     let name = |id: u8| names.get(usize::from(id)).copied().unwrap_or("unknown");
-    let clear = found.options.clear;
+    let CompareOptions { clear, near, .. } = found.options;
     writeln!(out, "phantom {}, 1 voxel = {} mm; all distances in voxels", found.scene, found.voxel_mm)?;
     writeln!(
         out,
@@ -118,10 +125,14 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
         }
         for (way, split) in [("mesh to truth", pair.mesh_to_truth), ("truth to mesh", pair.truth_to_mesh)] {
             row(out, &format!("{title}, {way}"), split.all.as_ref())?;
-            row(out, "  clear of junctions and sharp edges", split.clear.as_ref())?;
-            row(out, "  near a sharp edge", split.near_edge.as_ref())?;
-            row(out, &format!("  farther than {clear:.2} from junctions"), split.off_junctions.as_ref())?;
-            row(out, "  near a junction", split.near_junction.as_ref())?;
+            let (wide, close) = (&split.wide, &split.close);
+            row(out, "  clear of junctions and sharp edges", wide.clear.as_ref())?;
+            row(out, "  near a sharp edge", wide.near_edge.as_ref())?;
+            row(out, &format!("  farther than {clear:.2} from junctions"), wide.off_junctions.as_ref())?;
+            row(out, "  near a junction", wide.near_junction.as_ref())?;
+            row(out, &format!("  farther than {near:.2} from both"), close.clear.as_ref())?;
+            row(out, &format!("  within {near:.2} of a sharp edge"), close.near_edge.as_ref())?;
+            row(out, &format!("  within {near:.2} of a junction"), close.near_junction.as_ref())?;
         }
     }
     let reach = found.pairs.iter().map(|p| p.disturbed_reach).fold(0.0, f64::max);
@@ -138,8 +149,26 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
             let count = junctions.touching_edges;
             writeln!(out, "{count} edges where sheets of one interface touch are not counted")?;
         }
-        row(out, "mesh to truth", junctions.mesh_to_truth.as_ref())?;
-        row(out, "truth to mesh", junctions.truth_to_mesh.as_ref())?;
+        for (title, curves) in [
+            (String::new(), &junctions.all),
+            (format!("wedges of {NARROW} degrees and more, "), &junctions.plain),
+            (format!("wedges below {NARROW} degrees, "), &junctions.narrow),
+            (format!("radius below {TIGHT}, "), &junctions.tight),
+        ] {
+            if title.is_empty() || curves.truth_to_mesh.is_some() {
+                row(out, &format!("{title}mesh to truth"), curves.mesh_to_truth.as_ref())?;
+                row(out, &format!("{title}truth to mesh"), curves.truth_to_mesh.as_ref())?;
+            }
+        }
+        for (title, points) in [
+            ("points of four materials", &junctions.points),
+            ("ends and kinks of junction curves", &junctions.kinks),
+        ] {
+            if points.truth > 0 {
+                row(out, &format!("{title}, {} missed", points.missed), points.distances.as_ref())?;
+                row(out, "  to the nearest junction curve", points.to_curve.as_ref())?;
+            }
+        }
     }
     for edge in &found.edges {
         writeln!(
@@ -155,7 +184,10 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
         row(out, "true edge to an edge of the mesh", edge.to_mesh_edge.as_ref())?;
         row(out, "  clear of corners and junctions", edge.to_mesh_edge_clear.as_ref())?;
         row(out, "folds of the mesh to true edges", edge.crease_to_edge.as_ref())?;
+        row(out, &format!("right angles, {near:.2} off ends, to surface"), edge.right.off_ends.as_ref())?;
+        row(out, "  within that of corners and junctions", edge.right.at_ends.as_ref())?;
     }
+    print_parts(found, &name, out)?;
     writeln!(
         out,
         "\n{:<20} {:>14} {:>14} {:>10}   {:<22} {:<22}",
@@ -193,6 +225,55 @@ fn print(found: &Comparison, out: &mut impl Write) -> std::io::Result<()> {
     Ok(())
 }
 
+/// Spheres, thin parts, rounded edges and standard deviations, where there are any.
+fn print_parts<'a>(
+    found: &Comparison,
+    name: &impl Fn(u8) -> &'a str,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
+    for sphere in &found.spheres {
+        let title = format!("sphere of {} in {}", name(sphere.inside), name(sphere.outside));
+        let exact = sphere.exact_radius / found.voxel_mm;
+        match &sphere.fit {
+            None => writeln!(out, "\n{title}, radius {exact:.3}: MISSING in the mesh")?,
+            Some(fit) => writeln!(
+                out,
+                "\n{title}, radius {exact:.3}: by least squares {:+.4}, centre {:.4} off, form {:.4} RMS",
+                fit.radius_error, fit.centre_error, fit.form
+            )?,
+        }
+    }
+    if let Some(thin) = &found.thickness {
+        writeln!(out, "\nthickness {}: present in {:.2} % of its area", thin.exact, thin.present_percent)?;
+        row(out, "thickness of the mesh, too large by", thin.error.as_ref())?;
+    }
+    for fillet in &found.fillets {
+        row(out, &format!("\nrounded edges of radius {:.2}", fillet.radius), fillet.to_mesh.as_ref())?;
+    }
+    let stray: f64 = found.edges.iter().map(|e| e.stray_crease_length).sum();
+    if stray > 0.0 {
+        writeln!(out, "{stray:.2} mm of folds above {CREASE} degrees away from every true edge")?;
+    }
+    for coverage in &found.coverage {
+        let title = coverage.pair.map_or("all".to_owned(), |[b, f]| format!("{}/{}", name(b), name(f)));
+        for (group, covered) in [
+            (title.as_str(), coverage.all),
+            ("  clear", coverage.clear),
+            ("  near a sharp edge", coverage.near_edge),
+            ("  near a junction", coverage.near_junction),
+        ] {
+            if let Some(c) = covered {
+                writeln!(
+                    out,
+                    "{group:<43} {:.1} % within sigma, {:.1} % within two; error / sigma {:.3} RMS; {} vertices",
+                    c.within_1, c.within_2, c.rms, c.vertices
+                )?;
+            }
+        }
+    }
+    Ok(())
+}
+
 fn row(out: &mut impl Write, title: &str, distances: Option<&Distances>) -> std::io::Result<()> {
     match distances {
         None => writeln!(out, "{title:<43} {:>9}", "-"),
@@ -213,7 +294,8 @@ mod tests {
     fn an_empty_mesh_is_reported_as_missing_everything() {
         let phantom = Phantom::new(&PhantomOptions::default()).unwrap();
         let mesh = crate::mesh::InterfaceMesh::new(vec![], vec![], vec![], vec![], vec![]).unwrap();
-        let found = compare(&mesh, &phantom, &CompareOptions::default(), &Execution::default()).unwrap();
+        let found =
+            compare(&mesh, &phantom, None, &CompareOptions::default(), &Execution::default()).unwrap();
         let mut text = Vec::new();
         print(&found, &mut text).unwrap();
         let text = String::from_utf8(text).unwrap();

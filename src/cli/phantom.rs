@@ -32,6 +32,12 @@ pub(super) struct ObjectArgs {
     /// Thickness of the thin part or gap of thin-plate, thin-gap and thin-layer in voxels.
     #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
     thickness: f64,
+    /// Degrees of the aluminium wedge of wedge.
+    #[arg(long, value_name = "DEGREES", default_value_t = 60.0)]
+    angle: f64,
+    /// Radius of the rounded edges of fillet in voxels.
+    #[arg(long, value_name = "VOXELS", default_value_t = 3.0)]
+    fillet: f64,
     /// Edges of the box of cube in voxels, before it is turned, instead of --fill: one number, or X,Y,Z.
     #[arg(long, value_name = "N|X,Y,Z", value_parser = one_or_three::<f64>, conflicts_with = "fill")]
     extent: Option<[f64; 3]>,
@@ -48,6 +54,8 @@ impl ObjectArgs {
             shift: self.shift,
             fill: self.fill,
             thickness: self.thickness,
+            angle: self.angle,
+            fillet: self.fillet,
             extent: self.extent,
             ..PhantomOptions::default()
         }
@@ -59,6 +67,8 @@ Examples:
   interfacet phantom press-fit-ring --out part.mha
       writes part.mha, and the exact geometry to part.phantom.json
   interfacet phantom thin-plate --thickness 2.5 --size 128 --noise 3 --out plate.mha
+  interfacet phantom wedge --angle 30 --noise 2 --noise-correlation 0.8 --out wedge.mha
+      a bar of aluminium that tapers to 30 degrees where it meets iron and air, in noise as of a reconstruction
   interfacet phantom cube --extent 40,40,20 --rotate 0,0,0 --shift 0,0,0 --binary --out cube.mha
       a box whose faces lie on voxel boundaries, of two grey values only
   interfacet phantom --list
@@ -94,12 +104,15 @@ struct ImageArgs {
     /// Noise is still added: see --noise.
     #[arg(long, conflicts_with_all = ["sigma", "fine"])]
     binary: bool,
-    /// White noise in percent of the smallest difference between two materials.
+    /// Noise in percent of the smallest difference between two materials.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
     noise: f64,
-    /// White noise as a grey value instead.
+    /// Noise as a grey value instead.
     #[arg(long, value_name = "GREY", conflicts_with = "noise")]
     noise_grey: Option<f64>,
+    /// Filter the noise by a Gaussian of this sigma in voxels, and bring it back to its strength. 0: white noise.
+    #[arg(long, value_name = "SIGMA", default_value_t = 0.0)]
+    noise_correlation: f64,
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -203,6 +216,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
         Sigma::Axes(axes) => options.sigma_axes = Some(axes),
     }
     options.noise = image.noise_grey.map_or(Noise::Percent(image.noise), Noise::Grey);
+    options.noise_correlation = image.noise_correlation;
     options.seed = image.seed;
     options.cupping = image.cupping;
     options.sample_type = image.sample_type;

@@ -1,4 +1,4 @@
-//! Corners: where sharp edges end.
+//! Corners and kinks: where sharp edges and junction curves end or turn.
 
 use std::f64::consts::TAU;
 
@@ -8,11 +8,24 @@ use super::{Curve, CurvePiece};
 
 /// The ends of sharp edges that do not run straight on as the same sharp edge; `eps` in mm.
 pub(super) fn corners(pieces: &[CurvePiece], eps: f64) -> Vec<DVec3> {
+    let sharp: Vec<&CurvePiece> = pieces.iter().filter(|p| !p.is_smooth).collect();
+    turns(&sharp, CurvePiece::is_edge, eps)
+}
+
+/// The ends of junction pieces that do not run straight on as the same junction curve, whether sharp edges end
+/// there or not; `eps` in mm.
+pub(super) fn kinks(pieces: &[CurvePiece], eps: f64) -> Vec<DVec3> {
+    let junctions: Vec<&CurvePiece> = pieces.iter().filter(|p| p.is_junction()).collect();
+    turns(&junctions, |_| true, eps)
+}
+
+/// The ends of the wanted ones of these pieces, without those at which exactly one other piece goes straight on.
+fn turns(pieces: &[&CurvePiece], wanted: impl Fn(&CurvePiece) -> bool, eps: f64) -> Vec<DVec3> {
     let ends: Vec<(usize, DVec3, DVec3)> = (pieces.iter().enumerate())
         .flat_map(|(i, piece)| ends_of(piece).into_iter().flatten().map(move |(at, on)| (i, at, on)))
         .collect();
     let mut out: Vec<DVec3> = Vec::new();
-    for &(i, at, on) in ends.iter().filter(|end| !pieces[end.0].is_junction()) {
+    for &(i, at, on) in ends.iter().filter(|end| wanted(pieces[end.0])) {
         let others: Vec<_> =
             ends.iter().filter(|e| e.1.distance(at) < eps && (e.0, e.2) != (i, on)).collect();
         // A surface that bounds nothing here cuts a curve in two.

@@ -56,7 +56,8 @@ pub(super) fn crossing(first: &Surface, second: &Surface) -> Option<Vec<Curve>> 
             if slope.abs() < 1e-9 {
                 let distance = plane.signed_distance(point);
                 let squared = radius * radius - distance * distance;
-                if squared <= 0.0 {
+                // A plane that touches the cylinder does not cross it, whatever rounding makes of it.
+                if squared <= 1e-10 * radius * radius {
                     return Some(Vec::new());
                 }
                 let across = normal.cross(axis).normalize() * squared.sqrt();
@@ -97,6 +98,16 @@ impl Curve {
                 let (sin, cos) = libm::sincos(t);
                 cos * b - sin * a
             }
+        }
+    }
+
+    /// Radius of curvature at parameter `t`; infinite on a line.
+    #[must_use]
+    pub fn radius(&self, t: f64) -> f64 {
+        match *self {
+            Self::Line { .. } => f64::INFINITY,
+            // |c'|^3 / |c' x c''|, and that product is |a| |b| everywhere.
+            Self::Ellipse { a, b, .. } => self.tangent(t).length().powi(3) / (a.length() * b.length()),
         }
     }
 

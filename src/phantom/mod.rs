@@ -7,14 +7,19 @@
 //!
 //! Guaranteed: the same options give the same bytes for any number of threads; distances, curves and
 //! volumes are closed forms, limited by rounding only. Not modelled: beam hardening other than the
-//! cupping option, scatter, rings, correlated noise, unsharpness that changes over the volume.
+//! cupping option, scatter, rings, unsharpness that changes over the volume.
 
 mod catalogue;
 pub mod compare;
 mod corners;
 mod curve;
+#[cfg(test)]
+mod image_tests;
+mod kernel;
 mod noise;
+mod objects;
 mod options;
+mod pieces;
 mod raster;
 mod scene;
 mod sidecar;
@@ -28,10 +33,11 @@ use glam::{DMat3, DVec3};
 pub use catalogue::{SceneName, Topology};
 pub use curve::Curve;
 pub use options::{Noise, PhantomError, PhantomOptions};
+pub use pieces::{CurvePiece, OnCurve};
 pub use scene::Scene;
 pub use sidecar::{Sidecar, SidecarEdge, SidecarMaterial};
 pub use surface::Surface;
-pub use truth::{Closest, CurvePiece, Truth};
+pub use truth::{Closest, Truth};
 
 use crate::execution::Execution;
 use crate::grid::Geometry;
@@ -62,19 +68,34 @@ impl Phantom {
             None => DVec3::ONE,
         };
         let scale = scale(options, &geometry, &rotation, half)?;
-        let thickness = options.thickness * geometry.voxel_edge() / scale;
-        let limit = options.scene.max_thickness();
-        if thickness > limit {
-            let limit = limit * scale / geometry.voxel_edge();
-            return Err(PhantomError::Range {
-                name: "thickness",
-                value: options.thickness,
-                range: format!("at most {limit:.1} voxels in a volume of this size"),
-            });
+        let voxel = geometry.voxel_edge() / scale;
+        for (name, value, limit) in [
+            ("thickness", options.thickness, options.scene.max_thickness()),
+            ("fillet", options.fillet, options.scene.max_fillet()),
+        ] {
+            if value * voxel > limit {
+                let range = format!("at most {:.1} voxels in a volume of this size", limit / voxel);
+                return Err(PhantomError::Range { name, value, range });
+            }
         }
+        let limit = options.scene.max_voxel();
+        if voxel > limit {
+            let needed = (options.size.map(|n| n as f64).into_iter().fold(f64::INFINITY, f64::min) * voxel
+                / limit)
+                .ceil();
+            let range = format!("such that the object's parts fit: about {needed} voxels per axis or more");
+            return Err(PhantomError::Range { name: "size", value: options.size[0] as f64, range });
+        }
+        let shape = objects::Shape {
+            thickness: options.thickness * voxel,
+            half,
+            angle: options.angle,
+            fillet: options.fillet * voxel,
+            voxel,
+        };
         let middle = DVec3::from(options.size.map(|n| 0.5 * (n as f64 - 1.0)));
         let centre = geometry.world(middle + DVec3::from(options.shift));
-        let blueprint = options.scene.blueprint(catalogue::Shape { thickness, half });
+        let blueprint = options.scene.blueprint(shape);
         let scene = blueprint.scene.placed(&rotation, scale, centre);
         let volumes = blueprint.volumes.iter().map(|v| v * scale.powi(3)).collect();
         let radius = scale

@@ -9,7 +9,7 @@ use crate::grid::GeometryError;
 use crate::material::MaterialTableError;
 use crate::volume::SampleType;
 
-/// White noise added to every voxel.
+/// How strong the noise is that is added to every voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Noise {
@@ -39,6 +39,10 @@ pub struct PhantomOptions {
     /// Thickness of a thin part or gap, in voxels (edges of the cube with a voxel's volume).
     /// Only some scenes have one.
     pub thickness: f64,
+    /// Degrees of the aluminium wedge of the scene `wedge`: 15 to 135.
+    pub angle: f64,
+    /// Radius of the rounded edges of the scene `fillet`, in voxels.
+    pub fillet: f64,
     /// Edges of the box in voxels per axis, before it is turned; `fill` has no say then. Only the scene
     /// `cube` has them; `None`: a cube.
     pub extent: Option<[f64; 3]>,
@@ -53,8 +57,11 @@ pub struct PhantomOptions {
     /// Cupping: how much darker, relative to its difference from the background, a material is in the
     /// middle of the object than at its outermost points; quadratic in the distance.
     pub cupping: f64,
-    /// White noise, added last.
+    /// Gaussian noise, added last.
     pub noise: Noise,
+    /// Sigma in voxels of the Gaussian by which the noise is filtered before it is brought to its standard
+    /// deviation: noise of a reconstruction filter or of interpolation. 0: white noise.
+    pub noise_correlation: f64,
     /// Seed of the noise.
     pub seed: u64,
     /// Number type of the samples.
@@ -75,12 +82,15 @@ impl Default for PhantomOptions {
             shift: [0.31, -0.17, 0.23],
             fill: 0.75,
             thickness: 4.0,
+            angle: 60.0,
+            fillet: 3.0,
             extent: None,
             binary: false,
             sigma: 1.15,
             sigma_axes: None,
             cupping: 0.0,
             noise: Noise::Percent(1.0),
+            noise_correlation: 0.0,
             seed: 1,
             sample_type: SampleType::U16,
             greys: None,
@@ -175,6 +185,9 @@ impl PhantomOptions {
         range("fill", self.fill, self.fill > 0.0 && self.fill <= 1.0, "above 0 and at most 1")?;
         let t = self.thickness;
         range("thickness", t, t > 0.0 && t.is_finite(), "a positive number of voxels")?;
+        range("angle", self.angle, (15.0..=135.0).contains(&self.angle), "15 to 135 degrees")?;
+        let radius = self.fillet;
+        range("fillet", radius, radius > 0.0 && radius.is_finite(), "a positive number of voxels")?;
         if self.extent.is_some() && !self.scene.uses_extent() {
             return Err(PhantomError::Extent { scene: self.scene.name() });
         }
@@ -187,6 +200,8 @@ impl PhantomOptions {
         range("cupping", self.cupping, (0.0..1.0).contains(&self.cupping), "at least 0 and below 1")?;
         let (Noise::Percent(noise) | Noise::Grey(noise)) = self.noise;
         range("noise", noise, noise >= 0.0 && noise.is_finite(), "zero or positive")?;
+        let correlation = self.noise_correlation;
+        range("noise correlation", correlation, (0.0..=20.0).contains(&correlation), "0 to 20 voxels")?;
         let fine = self.fine as f64;
         range("fine", fine, (1.0..=9.0).contains(&fine), "1 to 9")?;
         Ok(())

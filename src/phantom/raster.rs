@@ -14,57 +14,21 @@
 //! fine grid are reduced to the volume's width and height one by one and kept only while they are
 //! needed, so memory stays near that of the result.
 
-use std::collections::VecDeque;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::noise::Normals;
+use super::kernel::{Kernel, Window, reduce};
+use super::noise::NoiseField;
 use super::{Phantom, PhantomError};
 use crate::execution::Execution;
 use crate::volume::{SampleType, Samples};
 
 /// Coarse slices finished per round: enough work for many threads, little memory.
 const ROUND: usize = 16;
-/// Where the Gaussian is cut off, in sigma.
-const CUTOFF: f64 = 4.5;
 /// Lines across a cut fine voxel, per direction.
 const LINES: usize = 6;
 /// Fine voxels along a tile of the outer and the inner kind.
 const TILES: [usize; 2] = [16, 4];
-
-/// Gaussian and box as one kernel: voxel i is the sum of `weights[k] * fine[factor * i + k - reach]`.
-struct Kernel {
-    weights: Vec<f32>,
-    reach: usize,
-    factor: usize,
-}
-
-impl Kernel {
-    /// `sigma` in fine voxels.
-    fn new(sigma: f64, factor: usize) -> Self {
-        let reach = (CUTOFF * sigma).ceil() as usize;
-        let gauss: Vec<f64> = (0..=2 * reach)
-            .map(|k| {
-                let d = k as f64 - reach as f64;
-                if sigma > 0.0 { libm::exp(-0.5 * d * d / (sigma * sigma)) } else { 1.0 }
-            })
-            .collect();
-        let total: f64 = gauss.iter().sum::<f64>() * factor as f64;
-        let weights = (0..gauss.len() + factor - 1)
-            .map(|k| {
-                let sum: f64 = (0..factor).filter_map(|b| gauss.get(k.checked_sub(b)?)).sum();
-                (sum / total) as f32
-            })
-            .collect();
-        Self { weights, reach, factor }
-    }
-
-    /// Fine voxels needed for `n` voxels.
-    fn needed(&self, n: usize) -> usize {
-        self.factor * n + 2 * self.reach
-    }
-}
 
 /// Fine voxels along a voxel: a binary phantom needs its centre only.
 fn fine(phantom: &Phantom) -> usize {
@@ -79,58 +43,34 @@ pub(super) fn rasterise(phantom: &Phantom, execution: &Execution) -> Result<Samp
     let sigma = phantom.sigma_mm();
     let kernels: [Kernel; 3] = std::array::from_fn(|a| Kernel::new(sigma[a] / step[a], factor));
     let slicer = Slicer::new(phantom, step, &kernels);
-    let noise = (phantom.noise_sigma(), phantom.options().seed);
+    let mut noise = NoiseField::new(phantom);
     let air = phantom.materials().materials()[0].mean;
 
     let plane = size[0] * size[1];
     let mut out = Writer::new(phantom.options().sample_type, plane * size[2]);
-    let mut slices: VecDeque<Vec<f32>> = VecDeque::new();
-    let (mut first, mut next) = (0, 0);
+    let mut window = Window::default();
     let stage = execution.stage("making the volume", size[2] as u64);
     for z in (0..size[2]).step_by(ROUND) {
         execution.check()?;
         let end = (z + ROUND).min(size[2]);
-        let upto = kernels[2].needed(end);
-        let new: Vec<Vec<f32>> = (next..upto).into_par_iter().map(|k| slicer.reduced(k, &kernels)).collect();
-        slices.extend(new);
-        next = upto;
+        window.fill(end, &kernels[2], |k| reduce(&slicer.slice(k), [size[0], size[1]], &kernels));
+        noise.fill(end);
         let layers: Vec<Vec<f32>> = (z..end)
             .into_par_iter()
             .map(|z| {
-                let mut layer = vec![0.0_f32; plane];
-                for (k, weight) in kernels[2].weights.iter().enumerate() {
-                    add_scaled(&mut layer, &slices[factor * z + k - first], *weight);
-                }
-                for (y, row) in layer.chunks_mut(size[0]).enumerate() {
-                    finish(row, air, noise, (z * size[1] + y) as u64);
-                }
+                let mut layer = window.slice(z, &kernels[2], plane);
+                noise.add(&mut layer, z, air);
                 layer
             })
             .collect();
         for layer in layers {
             out.append(&layer);
         }
-        let drop = (factor * end - first).min(slices.len());
-        slices.drain(..drop);
-        first += drop;
+        window.drop_before(end, &kernels[2]);
+        noise.drop_before(end);
         stage.advance((end - z) as u64);
     }
     Ok(out.samples)
-}
-
-fn add_scaled(out: &mut [f32], values: &[f32], weight: f32) {
-    for (o, v) in out.iter_mut().zip(values) {
-        *o += weight * v;
-    }
-}
-
-/// Adds the background and the noise.
-fn finish(row: &mut [f32], air: f64, (sigma, seed): (f64, u64), index: u64) {
-    let mut normals = Normals::of_row(seed, index);
-    for v in row {
-        let noise = if sigma > 0.0 { sigma * normals.next() } else { 0.0 };
-        *v = (f64::from(*v) + air + noise) as f32;
-    }
 }
 
 /// Collects values as samples: integers rounded to the nearest and kept in range.
@@ -186,33 +126,6 @@ impl<'a> Slicer<'a> {
             height: kernels[1].needed(size[1]),
             contrast: means.iter().map(|m| m.mean - means[0].mean).collect(),
         }
-    }
-
-    /// Fine slice `z`, blurred and reduced in x and y to the volume's width and height.
-    fn reduced(&self, z: usize, kernels: &[Kernel; 3]) -> Vec<f32> {
-        let size = self.phantom.geometry().size();
-        let fine = self.slice(z);
-        let mut rows = vec![0.0_f32; size[0] * self.height];
-        let k = &kernels[0];
-        for (row, values) in rows.chunks_mut(size[0]).zip(fine.chunks(self.width)) {
-            // Rows of nothing but background are common and need no work.
-            if values.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            for (i, v) in row.iter_mut().enumerate() {
-                let start = k.factor * i;
-                *v = dot(&values[start..start + k.weights.len()], &k.weights);
-            }
-        }
-        let mut out = vec![0.0_f32; size[0] * size[1]];
-        let k = &kernels[1];
-        for (j, row) in out.chunks_mut(size[0]).enumerate() {
-            for (i, weight) in k.weights.iter().enumerate() {
-                let at = (k.factor * j + i) * size[0];
-                add_scaled(row, &rows[at..at + size[0]], *weight);
-            }
-        }
-        out
     }
 
     fn centre(&self, x: f64, y: f64, z: f64) -> DVec3 {
@@ -332,20 +245,4 @@ impl<'a> Slicer<'a> {
         }
         sum / (2.0 * half * (LINES * LINES) as f64)
     }
-}
-
-/// Scalar product with eight partial sums, in a fixed order.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0_f32; 8];
-    let (a8, a1) = a.as_chunks::<8>();
-    let (b8, b1) = b.as_chunks::<8>();
-    for (x, y) in a8.iter().zip(b8) {
-        for k in 0..8 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    for (k, (x, y)) in a1.iter().zip(b1).enumerate() {
-        sums[k] += x * y;
-    }
-    ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]))
 }

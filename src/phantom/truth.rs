@@ -4,8 +4,7 @@
 //! surfaces the closest point is the only local minimum of the distance (see [`Surface`]), so
 //! the point of an interface closest to a given one is either a surface's closest point, if it belongs
 //! to the interface, or on a curve in which the surface meets another and the interface ends or bends.
-//! All such curves are found at the start, cut where other surfaces cross them, and each piece keeps
-//! the pairs that touch it: three or more materials around it make it a junction curve, two an edge.
+//! All such curves are found at the start (see [`CurvePiece`]).
 
 use std::f64::consts::TAU;
 
@@ -13,8 +12,8 @@ use glam::DVec3;
 
 use super::PhantomError;
 use super::catalogue::Topology;
-use super::corners::corners;
-use super::curve::{Curve, crossing};
+use super::corners::{corners, kinks};
+use super::pieces::{CurvePiece, OnCurve, closest_on, pieces};
 use super::scene::Scene;
 use super::surface::Surface;
 use crate::grid::{MaterialId, Pair};
@@ -39,49 +38,6 @@ impl Closest {
     }
 }
 
-/// A piece of a curve at which interfaces end or bend.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CurvePiece {
-    /// The curve.
-    pub curve: Curve,
-    /// Where the piece starts.
-    pub low: f64,
-    /// Where it ends.
-    pub high: f64,
-    /// The materials around it, ascending: three or more on a junction curve.
-    pub materials: Vec<MaterialId>,
-    /// Surfaces it lies on.
-    surfaces: Vec<usize>,
-    /// Interfaces that touch it: pair, surface, whether the pair's front is outside of the surface.
-    touching: Vec<(Pair, usize, bool)>,
-}
-
-impl CurvePiece {
-    /// Whether three or more materials meet there.
-    #[must_use]
-    pub fn is_junction(&self) -> bool {
-        self.materials.len() >= 3
-    }
-
-    /// The pair whose interface bends there, on a sharp edge.
-    #[must_use]
-    pub fn edge_pair(&self) -> Option<Pair> {
-        if self.is_junction() { None } else { self.touching.first().map(|t| t.0) }
-    }
-
-    /// Whether the interface of this pair touches it.
-    #[must_use]
-    pub fn touches(&self, pair: Pair) -> bool {
-        self.touching.iter().any(|t| t.0 == pair)
-    }
-
-    /// Its length, in mm.
-    #[must_use]
-    pub fn length(&self) -> f64 {
-        self.curve.length(self.low, self.high)
-    }
-}
-
 /// The exact geometry of a phantom, in the world, mm.
 #[derive(Debug, Clone)]
 pub struct Truth {
@@ -92,6 +48,7 @@ pub struct Truth {
     pieces: Vec<CurvePiece>,
     points: Vec<DVec3>,
     corners: Vec<DVec3>,
+    kinks: Vec<DVec3>,
     pairs: Vec<Pair>,
 }
 
@@ -112,10 +69,14 @@ impl Truth {
             pieces,
             points: Vec::new(),
             corners: Vec::new(),
+            kinks: Vec::new(),
             pairs: Vec::new(),
         };
         truth.points = truth.find_points();
-        truth.corners = corners(&truth.pieces, 1e-5 * ball.1);
+        let eps = 1e-5 * ball.1;
+        truth.corners = corners(&truth.pieces, eps);
+        truth.kinks = kinks(&truth.pieces, eps);
+        truth.kinks.retain(|k| truth.points.iter().all(|p| p.distance(*k) > eps));
         let step = 0.02 * ball.1;
         let mut pairs: Vec<Pair> = truth.all_samples(step).into_iter().map(|s| s.0).collect();
         pairs.sort_unstable();
@@ -160,7 +121,8 @@ impl Truth {
         &self.topology
     }
 
-    /// The pieces of curves at which interfaces end or bend: junction curves and sharp edges.
+    /// The pieces of curves at which interfaces end, bend or pass over to another surface: junction curves, sharp
+    /// edges and smooth seams.
     #[must_use]
     pub fn curves(&self) -> &[CurvePiece] {
         &self.pieces
@@ -181,6 +143,12 @@ impl Truth {
     #[must_use]
     pub fn junction_points(&self) -> &[DVec3] {
         &self.points
+    }
+
+    /// Where a junction curve ends or turns sharply with fewer than four materials around.
+    #[must_use]
+    pub fn junction_kinks(&self) -> &[DVec3] {
+        &self.kinks
     }
 
     /// The point of a pair's interface closest to `q`; `None` if the two never meet.
@@ -206,7 +174,9 @@ impl Truth {
             if !piece.touches(pair) {
                 continue;
             }
-            let Some((point, distance)) = closest_on(piece, surfaces, q, reach(&best)) else { continue };
+            let Some(OnCurve { point, distance, .. }) = closest_on(piece, surfaces, q, reach(&best)) else {
+                continue;
+            };
             // At a sharp edge the point can be behind one face continued though in front of the other: the
             // face it is farther from is right, at any angle.
             let in_front = piece
@@ -224,12 +194,18 @@ impl Truth {
     /// The closest point of any junction curve and its distance in mm, if there are junctions.
     #[must_use]
     pub fn closest_junction(&self, q: DVec3) -> Option<(DVec3, f64)> {
+        self.on_junction(q).map(|on| (on.point, on.distance))
+    }
+
+    /// The closest point of any junction curve, if there are junctions.
+    #[must_use]
+    pub fn on_junction(&self, q: DVec3) -> Option<OnCurve<'_>> {
         self.closest_of(self.junctions(), q)
     }
 
     /// The sharp edges: curves at which one interface bends and no third material meets it.
     pub fn edges(&self) -> impl Iterator<Item = &CurvePiece> {
-        self.pieces.iter().filter(|p| !p.is_junction())
+        self.pieces.iter().filter(|p| p.is_edge())
     }
 
     /// The corners: where sharp edges end. Other sharp edges start there in other directions, or junction curves
@@ -248,12 +224,12 @@ impl Truth {
     /// The closest point of any sharp edge and its distance in mm, if there are sharp edges.
     #[must_use]
     pub fn closest_edge(&self, q: DVec3) -> Option<(DVec3, f64)> {
-        self.closest_of(self.edges(), q)
+        self.closest_of(self.edges(), q).map(|on| (on.point, on.distance))
     }
 
-    fn closest_of<'a>(&self, pieces: impl Iterator<Item = &'a CurvePiece>, q: DVec3) -> Option<(DVec3, f64)> {
-        pieces.fold(None, |best: Option<(DVec3, f64)>, piece| {
-            let limit = best.map_or(f64::INFINITY, |b| b.1);
+    fn closest_of<'a>(&self, pieces: impl Iterator<Item = &'a CurvePiece>, q: DVec3) -> Option<OnCurve<'a>> {
+        pieces.fold(None, |best: Option<OnCurve<'a>>, piece| {
+            let limit = best.map_or(f64::INFINITY, |b| b.distance);
             closest_on(piece, self.scene.surfaces(), q, limit).or(best)
         })
     }
@@ -336,161 +312,4 @@ impl Truth {
         }
         points
     }
-}
-
-/// The closest point of a piece if it is nearer than `limit`.
-fn closest_on(piece: &CurvePiece, surfaces: &[Surface], q: DVec3, limit: f64) -> Option<(DVec3, f64)> {
-    // The piece lies on its surfaces, so it is no nearer than the farthest of them.
-    if piece.surfaces.iter().any(|&s| surfaces[s].signed_distance(q).abs() >= limit) {
-        return None;
-    }
-    let point = piece.curve.at(piece.curve.closest(q, piece.low, piece.high));
-    let distance = (q - point).length();
-    (distance < limit).then_some((point, distance))
-}
-
-/// Points per curve at which crossings with other surfaces are looked for.
-const SCAN: usize = 1440;
-
-/// All pieces of curves at which an interface ends or bends.
-fn pieces(scene: &Scene, ball: (DVec3, f64)) -> Result<Vec<CurvePiece>, PhantomError> {
-    let surfaces = scene.surfaces();
-    let mut out = Vec::new();
-    for first in 0..surfaces.len() {
-        for second in first + 1..surfaces.len() {
-            let Some(curves) = crossing(&surfaces[first], &surfaces[second]) else {
-                if may_meet(&surfaces[first], &surfaces[second]) {
-                    return Err(PhantomError::Crossing { first, second });
-                }
-                continue;
-            };
-            for curve in curves {
-                let Some(range) = curve.range(ball) else { continue };
-                let on = |s: &Surface| {
-                    (0..=16).all(|k| {
-                        let p = curve.at(range.0 + (range.1 - range.0) * f64::from(k) / 16.0);
-                        s.signed_distance(p).abs() < 1e-9 * ball.1
-                    })
-                };
-                let containing: Vec<usize> =
-                    (0..surfaces.len()).filter(|&k| k == first || k == second || on(&surfaces[k])).collect();
-                // A curve on three surfaces appears for each two of them: keep the first time.
-                if containing[..2] != [first, second] {
-                    continue;
-                }
-                for (low, high) in cut(scene, &curve, range, &containing) {
-                    // Where several surfaces cross the curve in one point, rounding leaves specks.
-                    if curve.length(low, high) < 1e-9 * ball.1 {
-                        continue;
-                    }
-                    out.extend(piece(scene, curve, (low, high), &containing, ball.1));
-                }
-            }
-        }
-    }
-    Ok(out)
-}
-
-/// Whether two surfaces without a closed-form crossing can meet; spheres and parallel cylinders exactly,
-/// others assumed to meet.
-fn may_meet(first: &Surface, second: &Surface) -> bool {
-    use Surface::{Cylinder, Sphere};
-    let rings = |distance: f64, r: f64, s: f64| distance < r + s && distance > (r - s).abs();
-    match (*first, *second) {
-        (Sphere { centre, radius }, Sphere { centre: c, radius: r }) => {
-            rings((centre - c).length(), radius, r)
-        }
-        (Sphere { centre, radius }, Cylinder { point, axis, radius: r })
-        | (Cylinder { point, axis, radius: r }, Sphere { centre, radius }) => {
-            let distance = super::surface::reject(centre - point, axis).length();
-            distance + radius > r && distance - radius < r
-        }
-        (Cylinder { point, axis, radius }, Cylinder { point: p, axis: a, radius: r }) => {
-            axis.cross(a).length() > 1e-12
-                || rings(super::surface::reject(p - point, axis).length(), radius, r)
-        }
-        _ => true,
-    }
-}
-
-/// Cuts a curve where surfaces that do not contain it cross it.
-fn cut(scene: &Scene, curve: &Curve, range: (f64, f64), containing: &[usize]) -> Vec<(f64, f64)> {
-    let at = |k: usize| range.0 + (range.1 - range.0) * k as f64 / SCAN as f64;
-    let mut breaks = Vec::new();
-    for (index, surface) in scene.surfaces().iter().enumerate() {
-        if containing.contains(&index) {
-            continue;
-        }
-        let value = |t: f64| surface.signed_distance(curve.at(t));
-        for k in 0..SCAN {
-            let (mut low, mut high) = (at(k), at(k + 1));
-            let below = value(low) < 0.0;
-            if below == (value(high) < 0.0) {
-                continue;
-            }
-            for _ in 0..100 {
-                let middle = 0.5 * (low + high);
-                if middle <= low || middle >= high {
-                    break;
-                }
-                if (value(middle) < 0.0) == below { low = middle } else { high = middle }
-            }
-            breaks.push(0.5 * (low + high));
-        }
-    }
-    breaks.sort_by(f64::total_cmp);
-    let closed = matches!(curve, Curve::Ellipse { .. });
-    match (closed, breaks.first(), breaks.last()) {
-        (_, None, _) | (_, _, None) => vec![range],
-        (true, Some(&first), Some(&last)) => {
-            let mut out: Vec<_> = breaks.windows(2).map(|w| (w[0], w[1])).collect();
-            out.push((last, first + TAU));
-            out
-        }
-        (false, Some(&first), Some(&last)) => {
-            let mut out = vec![(range.0, first)];
-            out.extend(breaks.windows(2).map(|w| (w[0], w[1])));
-            out.push((last, range.1));
-            out
-        }
-    }
-}
-
-/// What meets at a piece of a curve; `None` if it is not an end or bend of any interface.
-fn piece(
-    scene: &Scene,
-    curve: Curve,
-    (low, high): (f64, f64),
-    containing: &[usize],
-    scale: f64,
-) -> Option<CurvePiece> {
-    let t = 0.5 * (low + high);
-    let (middle, tangent) = (curve.at(t), curve.tangent(t).normalize());
-    let eps = 1e-5 * scale;
-    let mut touching = Vec::new();
-    let mut materials = Vec::new();
-    for &index in containing {
-        let surface = &scene.surfaces()[index];
-        let across = surface.normal(middle).cross(tangent);
-        for step in [eps, -eps] {
-            let p = surface.foot(middle + step * across);
-            let (inside, outside) = scene.sides(index, p);
-            materials.extend([inside, outside]);
-            if let Some((pair, front_outside)) = scene.interface_at(index, p) {
-                touching.push((pair, index, front_outside));
-            }
-        }
-    }
-    materials.sort_unstable();
-    materials.dedup();
-    // Nothing meets, or one interface runs on over the curve on the same surface.
-    let runs_on = touching.len() == 2 && touching[0] == touching[1];
-    (!touching.is_empty() && !runs_on).then(|| CurvePiece {
-        curve,
-        low,
-        high,
-        materials,
-        surfaces: containing.to_vec(),
-        touching,
-    })
 }

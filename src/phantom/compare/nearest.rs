@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use parry3d_f64::math::Vector;
-use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
+use parry3d_f64::query::{PointQuery, PointQueryWithLocation, Ray, RayCast};
 use parry3d_f64::shape::{Polyline, TriMesh};
 
 fn outer(p: DVec3) -> Vector {
@@ -35,10 +35,17 @@ impl Triangles {
         Some(Self { mesh, normals })
     }
 
-    /// The closest point and the normal of its triangle.
-    pub(super) fn closest(&self, p: DVec3) -> (DVec3, DVec3) {
+    /// Distance from `p` to the closest point: positive where that lies in front of `p`, in the direction of its
+    /// triangle's normal.
+    pub(super) fn signed(&self, p: DVec3) -> f64 {
         let (projection, (triangle, _)) = self.mesh.project_local_point_and_get_location(outer(p), false);
-        (inner(projection.point), self.normals[triangle as usize])
+        let offset = inner(projection.point) - p;
+        if offset.dot(self.normals[triangle as usize]) < 0.0 { -offset.length() } else { offset.length() }
+    }
+
+    /// Distance from `p` in the direction of the unit vector `d` to the first triangle, if one is within `limit`.
+    pub(super) fn hit(&self, p: DVec3, d: DVec3, limit: f64) -> Option<f64> {
+        self.mesh.cast_local_ray(&Ray::new(outer(p), outer(d)), limit, false)
     }
 }
 

@@ -7,7 +7,8 @@
 //! more than [`CREASE`]) to the closest true edge of any pair; creases far from every true edge are noise or steps.
 //!
 //! The first two are given for all points, and for those *clear* of ends: farther than the clear distance from
-//! every corner and every junction curve, where blur moves more than one edge.
+//! every corner and every junction curve, where blur moves more than one edge. The first is also given by angle (right
+//! angles, others) and by whether an end is within the near distance.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Lengths;
 use super::nearest::{Segments, Triangles};
-use super::statistics::{Distances, Sample};
+use super::statistics::{Distances, Sample, total};
 use crate::grid::Pair;
 use crate::mesh::InterfaceMesh;
 use crate::phantom::Truth;
@@ -23,6 +24,21 @@ use crate::phantom::Truth;
 /// Edges of a mesh that fold by more than this many degrees are creases: half of a right angle, so that neither
 /// a rounded edge (many small folds) nor noise counts as one.
 pub const CREASE: f64 = 45.0;
+
+/// Edges of up to this many degrees more or less than 90 count as right-angled: a bolt's are 82 to 98.
+const RIGHT: f64 = 10.0;
+
+/// A crease this many voxels from every true edge is one where none should be.
+const STRAY: f64 = 2.0;
+
+/// From true edges of one kind to the mesh's surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct EdgeSplit {
+    /// From points farther than the near distance from every corner and every junction curve.
+    pub off_ends: Option<Distances>,
+    /// From the others.
+    pub at_ends: Option<Distances>,
+}
 
 /// The sharp edges of one pair. Distances have no sign; `None` where the mesh has nothing to measure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -45,6 +61,15 @@ pub struct EdgeComparison {
     pub to_mesh_edge_clear: Option<Distances>,
     /// From the mesh's creases to the true edges.
     pub crease_to_edge: Option<Distances>,
+    /// Length of the mesh's creases farther than two voxels from every true edge, mm.
+    #[serde(default)]
+    pub stray_crease_length: f64,
+    /// From the true edges of 80 to 100 degrees to the mesh's surface.
+    #[serde(default)]
+    pub right: EdgeSplit,
+    /// From all others.
+    #[serde(default)]
+    pub oblique: EdgeSplit,
 }
 
 /// A point of a true edge.
@@ -52,7 +77,12 @@ struct Point {
     place: DVec3,
     /// Length of edge it stands for, mm.
     weight: f64,
+    /// Farther than the clear distance from corners and junctions.
     clear: bool,
+    /// Farther than the near distance from them.
+    off_ends: bool,
+    /// On an edge of about 90 degrees.
+    right: bool,
 }
 
 pub(super) fn compare(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths) -> Vec<EdgeComparison> {
@@ -68,39 +98,54 @@ fn of_pair(mesh: &InterfaceMesh, truth: &Truth, lengths: &Lengths, pair: Pair) -
     let points: Vec<Point> = truth
         .edges()
         .filter(|e| e.edge_pair() == Some(pair))
-        .flat_map(|e| e.curve.samples(e.low, e.high, lengths.step))
-        .map(|(place, weight)| Point { place, weight, clear: is_clear(truth, place, lengths.clear) })
+        .flat_map(|e| {
+            let right = (truth.smallest_wedge(e, 0.5 * (e.low + e.high)) - 90.0).abs() <= RIGHT;
+            e.curve.samples(e.low, e.high, lengths.step).into_iter().map(move |s| (right, s))
+        })
+        .map(|(right, (place, weight))| Point {
+            place,
+            weight,
+            clear: is_clear(truth, place, lengths.clear),
+            off_ends: is_clear(truth, place, lengths.near),
+            right,
+        })
         .collect();
     let sides = Sides::of(mesh, &own);
-    // All points, and those that are clear.
-    let measured = |distance: &(dyn Fn(DVec3) -> f64 + Sync)| {
-        let sample = |p: &Point| (p.clear, Sample { signed: distance(p.place), weight: p.weight });
-        let samples: Vec<(bool, Sample)> = points.par_iter().map(sample).collect();
-        [false, true].map(|only_clear| {
-            let kept = samples.iter().filter(|s| s.0 || !only_clear).map(|s| s.1);
-            Distances::of(kept, lengths.voxel)
-        })
+    let measured = |distance: &(dyn Fn(DVec3) -> f64 + Sync)| -> Vec<Sample> {
+        let sample = |p: &Point| Sample { signed: distance(p.place), weight: p.weight };
+        points.par_iter().map(sample).collect()
     };
     let surface = Triangles::new(mesh.positions(), own.iter().copied());
-    let [to_surface, to_surface_clear] =
-        surface.map_or([None; 2], |s| measured(&|p| (s.closest(p).0 - p).length()));
-    let [to_mesh_edge, to_mesh_edge_clear] =
-        Segments::new(mesh.positions(), sides.all).map_or([None; 2], |s| measured(&|p| s.distance(p)));
+    let on_surface = surface.map_or_else(Vec::new, |s| measured(&|p| s.signed(p).abs()));
+    let on_edges =
+        Segments::new(mesh.positions(), sides.all).map_or_else(Vec::new, |s| measured(&|p| s.distance(p)));
+    let of = |samples: &[Sample], keep: &dyn Fn(&Point) -> bool| {
+        let kept = points.iter().zip(samples).filter(|(p, _)| keep(p)).map(|(_, s)| *s);
+        Distances::of(kept, lengths.voxel)
+    };
+    let by_ends = |right: bool| EdgeSplit {
+        off_ends: of(&on_surface, &|p| p.right == right && p.off_ends),
+        at_ends: of(&on_surface, &|p| p.right == right && !p.off_ends),
+    };
     let ends = |edge: &[u32; 2]| edge.map(|v| mesh.positions()[v as usize]);
     let creases = sides.creases.par_iter().flat_map_iter(|edge| along(ends(edge), lengths.step));
     let samples: Vec<Sample> = creases
         .filter_map(|(p, weight)| truth.closest_edge(p).map(|(_, signed)| Sample { signed, weight }))
         .collect();
+    let stray = samples.iter().filter(|s| s.signed > STRAY * lengths.voxel);
     EdgeComparison {
         back: pair.back().0,
         front: pair.front().0,
         truth_length: points.iter().map(|p| p.weight).sum(),
-        crease_length: sides.creases.iter().map(|e| ends(e)[0].distance(ends(e)[1])).sum(),
-        to_surface,
-        to_surface_clear,
-        to_mesh_edge,
-        to_mesh_edge_clear,
-        crease_to_edge: Distances::of(samples.into_iter(), lengths.voxel),
+        crease_length: total(sides.creases.iter().map(|e| ends(e)[0].distance(ends(e)[1]))),
+        to_surface: of(&on_surface, &|_| true),
+        to_surface_clear: of(&on_surface, &|p| p.clear),
+        to_mesh_edge: of(&on_edges, &|_| true),
+        to_mesh_edge_clear: of(&on_edges, &|p| p.clear),
+        stray_crease_length: total(stray.map(|s| s.weight)),
+        crease_to_edge: Distances::of(samples.iter().copied(), lengths.voxel),
+        right: by_ends(true),
+        oblique: by_ends(false),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::connected::lowest_connected;
 use crate::grid::MaterialId;
 use crate::mesh::{InterfaceMesh, measure};
 use crate::phantom::{Phantom, Topology};
@@ -60,28 +61,19 @@ fn topology(mesh: &InterfaceMesh, material: MaterialId) -> Topology {
         .filter(|(_, pair)| pair.contains(material) && !pair.contains(MaterialId::OUTSIDE))
         .map(|(t, _)| *t)
         .collect();
-    let mut parent: Vec<u32> = (0..mesh.positions().len() as u32).collect();
-    fn root(parent: &mut [u32], mut v: u32) -> u32 {
-        while parent[v as usize] != v {
-            parent[v as usize] = parent[parent[v as usize] as usize];
-            v = parent[v as usize];
-        }
-        v
-    }
+    let lowest = lowest_connected(mesh.positions().len(), &shell);
     let mut edges = Vec::with_capacity(3 * shell.len());
     let mut used = Vec::with_capacity(3 * shell.len());
     for [a, b, c] in &shell {
         for (p, q) in [(*a, *b), (*b, *c), (*c, *a)] {
             edges.push((p.min(q), p.max(q)));
             used.push(p);
-            let (p, q) = (root(&mut parent, p), root(&mut parent, q));
-            parent[p.max(q) as usize] = p.min(q);
         }
     }
     edges.sort_unstable();
     edges.dedup();
     used.sort_unstable();
     used.dedup();
-    let components = used.iter().filter(|&&v| parent[v as usize] == v).count();
+    let components = used.iter().filter(|&&v| lowest[v as usize] == v).count();
     Topology { components, euler: used.len() as i64 - edges.len() as i64 + shell.len() as i64 }
 }

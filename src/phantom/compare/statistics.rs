@@ -37,6 +37,11 @@ pub(super) struct Sample {
     pub(super) weight: f64,
 }
 
+/// Sum of lengths; 0 of none, where the standard library's is -0.
+pub(super) fn total(lengths: impl Iterator<Item = f64>) -> f64 {
+    lengths.fold(0.0, |sum, length| sum + length)
+}
+
 impl Distances {
     /// The figures of `samples`; `None` if there are none. `voxel` is mm per voxel.
     pub(super) fn of(samples: impl Iterator<Item = Sample>, voxel: f64) -> Option<Self> {

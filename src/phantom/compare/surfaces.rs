@@ -16,20 +16,31 @@ use crate::phantom::Truth;
 /// It is also the largest error that is allowed anywhere clear of junctions.
 pub const DISTURBED: f64 = 0.35;
 
-/// Distances of all points, and of those in each surrounding; `None` where there are none. The last
+/// Distances of the points in each surrounding, told apart by some distance; `None` where there are none. The last
 /// three share all points among them, in the order near a junction, near an edge, clear.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Groups {
+    /// Farther from every junction curve than the distance, whether near a sharp edge or not.
+    pub off_junctions: Option<Distances>,
+    /// Farther than the distance from every junction curve and every sharp edge.
+    pub clear: Option<Distances>,
+    /// Of `off_junctions`: within the distance of a sharp edge, which any blur rounds.
+    pub near_edge: Option<Distances>,
+    /// Within the distance of a junction curve.
+    pub near_junction: Option<Distances>,
+}
+
+/// Distances of all points, and of those in each surrounding.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Split {
     /// All points.
     pub all: Option<Distances>,
-    /// Farther from every junction curve than the clear distance, whether near a sharp edge or not.
-    pub off_junctions: Option<Distances>,
-    /// Farther than the clear distance from every junction curve and every sharp edge.
-    pub clear: Option<Distances>,
-    /// Of `off_junctions`: within the clear distance of a sharp edge, which any blur rounds.
-    pub near_edge: Option<Distances>,
-    /// Within the clear distance of a junction curve.
-    pub near_junction: Option<Distances>,
+    /// Told apart by [`CompareOptions::clear`](super::CompareOptions::clear); in JSON the fields stand beside `all`.
+    #[serde(flatten)]
+    pub wide: Groups,
+    /// Told apart by [`CompareOptions::near`](super::CompareOptions::near).
+    #[serde(default)]
+    pub close: Groups,
 }
 
 /// One pair's interface.
@@ -91,15 +102,15 @@ struct Placed {
     sample: Sample,
     /// Distance of the closest junction curve in mm; infinite if there is none.
     junction: f64,
-    /// Whether a sharp edge is within the clear distance.
-    near_edge: bool,
+    /// Distance of the closest sharp edge in mm; infinite if there is none.
+    edge: f64,
 }
 
 impl Placed {
     /// `p` is where the point lies.
-    fn new(sample: Sample, truth: &Truth, p: DVec3, clear: f64) -> Self {
-        let junction = truth.closest_junction(p).map_or(f64::INFINITY, |c| c.1);
-        Self { sample, junction, near_edge: truth.closest_edge(p).is_some_and(|c| c.1 <= clear) }
+    fn new(sample: Sample, truth: &Truth, p: DVec3) -> Self {
+        let distance = |closest: Option<(DVec3, f64)>| closest.map_or(f64::INFINITY, |c| c.1);
+        Self { sample, junction: distance(truth.closest_junction(p)), edge: distance(truth.closest_edge(p)) }
     }
 }
 
@@ -131,7 +142,7 @@ pub(super) fn compare(
         let points: Vec<(DVec3, f64)> =
             truth_samples.iter().filter(|s| s.0 == pair).map(|s| (s.1, s.2)).collect();
         let found = Triangles::new(mesh.positions(), own.iter().map(|&t| mesh.triangles()[t]));
-        let backward = found.map_or_else(Vec::new, |t| backward(truth, lengths, &points, &t));
+        let backward = found.map_or_else(Vec::new, |t| backward(truth, &points, &t));
         stage.advance(1);
         out.pairs.push(PairComparison {
             back: pair.back().0,
@@ -142,7 +153,7 @@ pub(super) fn compare(
             truth_area: points.iter().map(|p| p.1).sum(),
             mesh_to_truth: split(&forward, lengths),
             truth_to_mesh: split(&backward, lengths),
-            disturbed_reach: disturbed_reach(&forward, lengths.voxel),
+            disturbed_reach: disturbed_reach(&forward, lengths),
         });
     }
     let total: f64 = out.pairs.iter().map(|p| p.mesh_area).sum();
@@ -162,13 +173,20 @@ fn is_clear(truth: &Truth, p: DVec3, clear: f64) -> bool {
 }
 
 fn split(samples: &[Placed], lengths: &Lengths) -> Split {
-    // Arguments: clear of junctions, near an edge.
-    let part = |keep: fn(bool, bool) -> bool| {
-        let kept = samples.iter().filter(|s| keep(s.junction > lengths.clear, s.near_edge));
-        Distances::of(kept.map(|s| s.sample), lengths.voxel)
-    };
     Split {
-        all: part(|_, _| true),
+        all: Distances::of(samples.iter().map(|s| s.sample), lengths.voxel),
+        wide: groups(samples, lengths.clear, lengths.voxel),
+        close: groups(samples, lengths.near, lengths.voxel),
+    }
+}
+
+fn groups(samples: &[Placed], distance: f64, voxel: f64) -> Groups {
+    // Arguments: off the junctions, near an edge.
+    let part = |keep: fn(bool, bool) -> bool| {
+        let kept = samples.iter().filter(|s| keep(s.junction > distance, s.edge <= distance));
+        Distances::of(kept.map(|s| s.sample), voxel)
+    };
+    Groups {
         off_junctions: part(|off, _| off),
         clear: part(|off, near_edge| off && !near_edge),
         near_edge: part(|off, near_edge| off && near_edge),
@@ -176,11 +194,13 @@ fn split(samples: &[Placed], lengths: &Lengths) -> Split {
     }
 }
 
-fn disturbed_reach(samples: &[Placed], voxel: f64) -> f64 {
+fn disturbed_reach(samples: &[Placed], lengths: &Lengths) -> f64 {
+    let disturbed = |s: &&Placed| s.sample.signed.abs() > DISTURBED * lengths.voxel;
     samples
         .iter()
-        .filter(|s| s.sample.signed.abs() > DISTURBED * voxel && !s.near_edge && s.junction.is_finite())
-        .map(|s| s.junction / voxel)
+        .filter(disturbed)
+        .filter(|s| s.edge > lengths.clear && s.junction.is_finite())
+        .map(|s| s.junction / lengths.voxel)
         .fold(0.0, f64::max)
 }
 
@@ -208,9 +228,7 @@ fn forward(
     out: &mut Surfaces,
 ) -> Vec<Placed> {
     let place = |p: DVec3, weight: f64| {
-        truth
-            .closest(pair, p)
-            .map(|found| Placed::new(Sample { signed: found.signed(), weight }, truth, p, lengths.clear))
+        truth.closest(pair, p).map(|found| Placed::new(Sample { signed: found.signed(), weight }, truth, p))
     };
     let mut samples: Vec<Placed> = own
         .par_iter()
@@ -233,15 +251,10 @@ fn forward(
     samples
 }
 
-fn backward(truth: &Truth, lengths: &Lengths, points: &[(DVec3, f64)], mesh: &Triangles) -> Vec<Placed> {
+fn backward(truth: &Truth, points: &[(DVec3, f64)], mesh: &Triangles) -> Vec<Placed> {
     points
         .par_iter()
-        .map(|&(p, weight)| {
-            let (closest, normal) = mesh.closest(p);
-            let offset = closest - p;
-            let signed = if offset.dot(normal) < 0.0 { -offset.length() } else { offset.length() };
-            Placed::new(Sample { signed, weight }, truth, p, lengths.clear)
-        })
+        .map(|&(p, weight)| Placed::new(Sample { signed: mesh.signed(p), weight }, truth, p))
         .collect()
 }
 
