@@ -17,8 +17,22 @@ use crate::volume::{Sample, Slab};
 /// rounding of `f32` lattice coordinates up to 2^15, small against any error of measurement.
 pub const CROSSING_MARGIN: f32 = 1.0 / 256.0;
 
+/// A point on a face of a cell, or inside a cell, that a [`CrossingRule`] knows better than contouring does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Where it is, in units of the cell (one per axis between neighbouring voxel centres), from the lowest corner of
+    /// the face or cell. On a face, the coordinate across it is 0. Contouring keeps it [`CROSSING_MARGIN`] inside.
+    pub at: [f32; 3],
+    /// Standard deviation of its position along the normal of the interfaces there, in voxels of mean edge
+    /// length; NaN if unknown.
+    pub sigma: f32,
+}
+
 /// Decides positions of crossings and ambiguous faces. Points are of the padded lattice and inside
 /// the volume. Must give the same answer whenever asked.
+///
+/// Beyond positions a rule may know their standard deviations, where junction curves pass through faces and
+/// cells, and where sharp edges of one interface do; by default it knows none of them.
 pub trait CrossingRule: Sync {
     /// Where the crossing lies on the edge from `from` to its neighbour `to` along `axis`, as a
     /// fraction of the edge within [`CROSSING_MARGIN`] and 1 - [`CROSSING_MARGIN`]; `labels` are
@@ -35,6 +49,47 @@ pub trait CrossingRule: Sync {
     /// On a face whose corners show `labels[0], labels[1], labels[0], labels[1]` in ring order:
     /// whether the diagonal of ring corners 0 and 2 is joined (else 1 and 3).
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool;
+
+    /// Whether [`sigma`](Self::sigma) ever gives a number. If not, no sigmas are kept.
+    #[inline]
+    fn has_sigmas(&self) -> bool {
+        false
+    }
+
+    /// Standard deviation of the interface's position along its normal, in voxels of mean edge length, at the
+    /// crossing on the edge from `from` along `axis`; NaN if unknown.
+    #[inline]
+    fn sigma(&self, _from: [usize; 3], _axis: usize, _labels: [MaterialId; 2]) -> f32 {
+        f32::NAN
+    }
+
+    /// Where a junction curve passes through the lattice face across `axis` whose lowest corner is `low`, if that
+    /// is known better than as the mean of the face's crossings. Asked for faces where three or four materials meet in
+    /// a star, none of them `OUTSIDE`.
+    #[inline]
+    fn node(&self, _low: [usize; 3], _axis: usize) -> Option<Node> {
+        None
+    }
+
+    /// The junction point, or a point of the junction curve, in the cell whose lowest corner is `low`, if that is
+    /// known better than as the mean of the sheet's nodes.
+    #[inline]
+    fn apex(&self, _low: [usize; 3]) -> Option<Node> {
+        None
+    }
+
+    /// Whether [`kink`](Self::kink) ever gives one. If not, it is not asked.
+    #[inline]
+    fn has_kinks(&self) -> bool {
+        false
+    }
+
+    /// Where a sharp edge of one interface passes through the lattice face across `axis` whose lowest corner is
+    /// `low`. Asked for faces with two materials, neither of them `OUTSIDE`, and two crossings.
+    #[inline]
+    fn kink(&self, _low: [usize; 3], _axis: usize) -> Option<Node> {
+        None
+    }
 }
 
 /// Crossings at edge midpoints; on ambiguous faces the material with the higher id is joined.

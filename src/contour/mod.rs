@@ -14,7 +14,7 @@ mod patch;
 pub mod pattern;
 mod piece;
 
-pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
+pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Node, Thresholds};
 pub use error::ContourError;
 pub use hermite::{Hermite, HermiteRule, NormalRule};
 pub use isosurface::isosurface;
