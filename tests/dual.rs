@@ -63,6 +63,7 @@ fn patch(surface: &DualSurface) -> Patch {
         kinds: surface.kinds.clone(),
         triangles: surface.triangles.clone(),
         pairs: surface.pairs.clone(),
+        ..Patch::default()
     }
 }
 

@@ -19,4 +19,5 @@ pub use error::ContourError;
 pub use hermite::{Hermite, HermiteRule, NormalRule};
 pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
+pub(crate) use patch::{append_sigmas, same_sigmas};
 pub use piece::{Piece, SeamKey, layers_of, merge};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ContourError;
 use super::marching::{check_triangles, check_vertices};
-use super::patch::Patch;
+use super::patch::{Patch, append_sigmas};
 
 /// The surface in a run of layers of cells; see `docs/scale.md`.
 ///
@@ -70,6 +70,7 @@ impl Piece {
         let patch = &mut self.patch;
         patch.positions.truncate(self.owned);
         patch.positions.extend(next.patch.positions);
+        append_sigmas(&mut patch.sigmas, self.owned, &next.patch.sigmas, next.patch.kinds.len());
         patch.kinds.truncate(self.owned);
         patch.kinds.extend(next.patch.kinds);
         patch.triangles.extend(next.patch.triangles.into_iter().map(|t| t.map(|v| v + offset)));
@@ -100,6 +101,7 @@ impl Piece {
         let vertices = patch.positions.len();
         let fits = self.owned.checked_add(self.seam_above.len()) == Some(vertices)
             && patch.kinds.len() == vertices
+            && (patch.sigmas.is_empty() || patch.sigmas.len() == vertices)
             && patch.pairs.len() == patch.triangles.len()
             && self.seam_below.len() <= vertices
             && self.last_layer[0] <= self.owned

@@ -2,13 +2,13 @@
 
 use super::Job;
 use super::bit_rows::{BitRows, set_bits};
-use super::cell::{Cell, crossing_position, pair_of};
+use super::cell::{Cell, crossing_position, crossing_sigma, pair_of};
 use super::code_rows::{CodeRow, MAX_PLANES, code};
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
 use super::lattice::{Between, Layer, Plane};
 use crate::classify::WORD;
-use crate::contour::crossing::CrossingRule;
+use crate::contour::crossing::{CrossingRule, Node};
 use crate::contour::pattern::{CELL_VERTICES, PackedEntry};
 use crate::grid::cube::{EDGES, FACES, face_ring};
 use crate::grid::{MaterialId, Pair, VertexKind};
@@ -26,6 +26,28 @@ pub(super) struct LayerSlices<'a> {
 pub(super) struct VertexSlices<'a> {
     pub(super) positions: &'a mut [[f32; 3]],
     pub(super) kinds: &'a mut [VertexKind],
+    /// Empty if none are known.
+    pub(super) sigmas: &'a mut [f32],
+}
+
+impl<'a> VertexSlices<'a> {
+    /// A patch's lists; `sigmas` is empty if none are known.
+    pub(super) fn of(
+        positions: &'a mut [[f32; 3]],
+        kinds: &'a mut [VertexKind],
+        sigmas: &'a mut [f32],
+    ) -> Self {
+        Self { positions, kinds, sigmas }
+    }
+
+    /// Writes vertex `i`, which lies at `node` from padded point `low`.
+    fn put(&mut self, i: usize, low: [usize; 3], node: Node, kind: VertexKind) {
+        self.positions[i] = place(low, node.at);
+        self.kinds[i] = kind;
+        if let Some(sigma) = self.sigmas.get_mut(i) {
+            *sigma = node.sigma;
+        }
+    }
 }
 
 /// Fills the output of a layer.
@@ -99,6 +121,14 @@ fn put_crossings<C: CrossingRule>(
     out: &mut VertexSlices<'_>,
     next: &mut usize,
 ) {
+    // A loop of its own: the one below is what every surface pays for.
+    if !out.sigmas.is_empty() {
+        for ((x, y), sigma) in edges.iter().zip(&mut out.sigmas[*next..]) {
+            let (from, mut to) = ([x, y, z], [x, y, z]);
+            to[axis] += 1;
+            *sigma = crossing_sigma(job.rule, from, axis, [from, to].map(|p| job.labels.at(p)));
+        }
+    }
     // As for cells: loops over few planes are worth unrolling.
     match job.labels.codes().count() {
         0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
@@ -152,8 +182,8 @@ fn put_nodes<C: CrossingRule>(
 ) {
     for (x, y) in faces.iter() {
         let cell = Cell::of_face(job.labels, [x, y, z], axis);
-        out.positions[*next] = place(cell.low, cell.face_node(job.rule, 2 * axis));
-        out.kinds[*next] = cell.kind(face_ring(2 * axis), job.border);
+        let kind = cell.kind(face_ring(2 * axis), job.border);
+        out.put(*next, cell.low, cell.face_node(job.rule, 2 * axis), kind);
         *next += 1;
     }
 }
@@ -302,11 +332,11 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
 
     fn put_apexes(&mut self, cell: &Cell, entry: usize, ids: &mut [u32; CELL_VERTICES]) {
         let surface = self.job.table.surface(entry);
-        let positions = cell.apexes(self.job.rule, surface);
-        for (i, (at, &corners)) in positions.into_iter().zip(&surface.apex_corners).enumerate() {
+        let apexes = cell.apexes(self.job.rule, surface);
+        for (i, (apex, &corners)) in apexes.into_iter().zip(&surface.apex_corners).enumerate() {
             ids[EDGES + FACES + i] = self.first_vertex + self.apex as u32;
-            self.vertices.positions[self.apex] = place(cell.low, at);
-            self.vertices.kinds[self.apex] = cell.kind(set_bits(u64::from(corners)), self.job.border);
+            let kind = cell.kind(set_bits(u64::from(corners)), self.job.border);
+            self.vertices.put(self.apex, cell.low, apex, kind);
             self.apex += 1;
         }
     }

@@ -100,12 +100,13 @@ impl<C: CrossingRule> Job<'_, C> {
             positions: vec![[0.0; 3]; vertices],
             // By all threads: these two are not zeros, which cost nothing before they are written.
             kinds: repeat_n(VertexKind::Interface, vertices).collect(),
+            sigmas: if self.rule.has_sigmas() { vec![f32::NAN; vertices] } else { Vec::new() },
             triangles: vec![[0; 3]; triangles],
             pairs: any_pair.map_or_else(Vec::new, |pair| repeat_n(pair, triangles).collect()),
         };
         let mut rest = LayerSlices {
             first_vertex: 0,
-            vertices: VertexSlices { positions: &mut patch.positions, kinds: &mut patch.kinds },
+            vertices: VertexSlices::of(&mut patch.positions, &mut patch.kinds, &mut patch.sigmas),
             triangles: &mut patch.triangles,
             pairs: &mut patch.pairs,
         };
@@ -172,6 +173,8 @@ impl<'a> LayerSlices<'a> {
             vertices: VertexSlices {
                 positions: self.vertices.positions.split_off_mut(..count.vertices).unwrap_or_default(),
                 kinds: self.vertices.kinds.split_off_mut(..count.vertices).unwrap_or_default(),
+                // None, if sigmas are not known.
+                sigmas: self.vertices.sigmas.split_off_mut(..count.vertices).unwrap_or_default(),
             },
             triangles: self.triangles.split_off_mut(..count.triangles).unwrap_or_default(),
             pairs: self.pairs.split_off_mut(..count.triangles).unwrap_or_default(),

@@ -107,7 +107,7 @@ impl<C: CrossingRule> Job<'_, C> {
         let owned = counts.iter().map(|c| c.vertices).sum::<usize>();
         let last = counts.last().map_or([0, 0], |c| [c.vertices, c.triangles]);
         let last_layer = [owned - last[0], patch.triangles.len() - last[1]];
-        let mut seam = VertexSlices { positions: &mut patch.positions, kinds: &mut patch.kinds };
+        let mut seam = VertexSlices::of(&mut patch.positions, &mut patch.kinds, &mut patch.sigmas);
         put_plane(self, &above, &mut seam, &mut owned.clone());
         let [seam_below, seam_above] = [below, above].map(|plane| keys(&plane));
         Ok(Piece { layers, patch, owned, last_layer, seam_below, seam_above })
