@@ -143,6 +143,8 @@ impl SeamKey {
     pub const Y_EDGE: u64 = 1;
     /// A node of a face across z.
     pub const Z_FACE: u64 = 2;
+    /// A kink of a face across z.
+    pub const Z_KINK: u64 = 3;
     /// Bits of a coordinate: padded ones go up to 2^15 + 1.
     const BITS: u32 = 16;
 
@@ -171,6 +173,7 @@ impl fmt::Display for SeamKey {
             Self::X_EDGE => "the x edge",
             Self::Y_EDGE => "the y edge",
             Self::Z_FACE => "the z face",
+            Self::Z_KINK => "the kink of the z face",
             _ => "an unknown thing",
         };
         let [x, y, z] = self.low();

@@ -12,7 +12,7 @@ use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyType, ScalarType};
 use rayon::prelude::*;
 
 use super::block_reader::read_blocks;
-use super::ply_layout::{Coordinates, FACE, VertexForm, extents};
+use super::ply_layout::{Coordinates, FACE, VertexForm, extents, read_sigma};
 use super::read::{Labels, Raw, ReadOptions};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -138,7 +138,8 @@ pub(super) fn add_sigmas(sigmas: &mut Vec<f32>, bytes: &[u8], form: VertexForm) 
     if form.sigma {
         let at = form.kind_at() + 1;
         let vertices = bytes.par_chunks_exact(form.bytes()).with_min_len(TASK);
-        sigmas.par_extend(vertices.map(|v| f32::from_le_bytes([v[at], v[at + 1], v[at + 2], v[at + 3]])));
+        let number = |v: &[u8]| f32::from_le_bytes([v[at], v[at + 1], v[at + 2], v[at + 3]]);
+        sigmas.par_extend(vertices.map(|v| read_sigma(number(v))));
     }
 }
 

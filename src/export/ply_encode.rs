@@ -10,7 +10,7 @@ use ply_rs_bw::ply::PropertyAccess;
 use ply_rs_bw::writer::Writer;
 use rayon::prelude::*;
 
-use super::ply_layout::{Coordinates, FACE, PlyEncoding, PlyOptions, VertexForm, elements};
+use super::ply_layout::{Coordinates, FACE, PlyEncoding, PlyOptions, VertexForm, elements, written_sigma};
 use crate::grid::{Pair, VertexKind};
 use crate::mesh::InterfaceMesh;
 
@@ -99,7 +99,7 @@ pub(super) fn vertices(out: &mut Vec<u8>, all: Vertices<'_>, options: PlyOptions
     if let Some(sigmas) = sigmas {
         let at = form.kind_at() + 1;
         let tasks = out.par_chunks_mut(size).with_min_len(TASK).zip(sigmas);
-        tasks.for_each(|(bytes, sigma)| bytes[at..].copy_from_slice(&sigma.to_le_bytes()));
+        tasks.for_each(|(bytes, sigma)| bytes[at..].copy_from_slice(&written_sigma(*sigma).to_le_bytes()));
     }
     Ok(())
 }
@@ -142,7 +142,8 @@ fn vertices_by_library(out: &mut Vec<u8>, all: Vertices<'_>, options: PlyOptions
     let ([def, _], writer) = (elements(all.form(options), [0; 2]), Writer::<Vertex>::new());
     for (i, (position, kind)) in all.positions.iter().zip(all.kinds).enumerate() {
         let sigma = all.sigmas.map_or(f32::NAN, |sigmas| sigmas[i]);
-        let element = Vertex { position: position.to_array(), kind: kind.code(), sigma };
+        let element =
+            Vertex { position: position.to_array(), kind: kind.code(), sigma: written_sigma(sigma) };
         match options.encoding {
             PlyEncoding::BinaryLittleEndian => writer.write_little_endian_element(out, &element, &def),
             PlyEncoding::BinaryBigEndian => writer.write_big_endian_element(out, &element, &def),
@@ -246,7 +247,8 @@ mod tests {
         let (mut ours, mut theirs) = (vec![1; 7], vec![2; 9]);
         for coordinates in [Coordinates::Float, Coordinates::Double] {
             let options = PlyOptions { coordinates, encoding: PlyEncoding::BinaryLittleEndian };
-            let sigmas: Vec<f32> = (0..positions.len()).map(|i| 0.1 / i as f32).collect();
+            let sigmas: Vec<f32> =
+                (0..positions.len()).map(|i| if i == 3 { f32::NAN } else { 0.1 / (i + 1) as f32 }).collect();
             for sigmas in [None, Some(sigmas.as_slice())] {
                 let all = Vertices { positions: &positions, kinds: mesh.kinds(), sigmas };
                 vertices(&mut ours, all, options).unwrap();

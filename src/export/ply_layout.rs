@@ -113,6 +113,16 @@ impl VertexForm {
     }
 }
 
+/// A sigma as files have it: -1 where it is unknown, as text has no word for that which all tools can read.
+pub(super) fn written_sigma(sigma: f32) -> f32 {
+    if sigma >= 0.0 && sigma.is_finite() { sigma } else { -1.0 }
+}
+
+/// The inverse of [`written_sigma`].
+pub(super) fn read_sigma(written: f32) -> f32 {
+    if written >= 0.0 { written } else { f32::NAN }
+}
+
 /// Where the faces begin and where they end, from a binary file's start; `None` beyond 2^64 - 1.
 pub(super) fn extents(header: u64, form: VertexForm, [vertices, faces]: [u64; 2]) -> Option<[u64; 2]> {
     let start = vertices.checked_mul(form.bytes() as u64)?.checked_add(header)?;
@@ -167,6 +177,11 @@ pub(super) fn header(
         header.comments.push(format!("material {} {} {}", material.id.0, name, material.mean));
     }
     header.comments.push(format!("room for counts {}", ".".repeat(1 + DIGITS.saturating_sub(digits))));
+    if sigma {
+        header
+            .comments
+            .push("sigma is a standard deviation along the normal in mm, -1 where unknown".to_owned());
+    }
     for element in elements(VertexForm { coordinates: options.coordinates, sigma }, sizes) {
         header.elements.add(element);
     }

@@ -18,6 +18,7 @@ use ply_rs_bw::ply::{
 
 use super::ExportError;
 use super::ply_decode::{self, Layout};
+use super::ply_layout::read_sigma;
 use super::read::{Labels, Raw, ReadOptions, bounded};
 use crate::grid::VertexKind;
 
@@ -55,7 +56,7 @@ pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) 
                         raw.kinds.push(VertexKind::from_code(v.kind));
                     }
                     if has_sigma {
-                        raw.sigmas.push(v.sigma as f32);
+                        raw.sigmas.push(read_sigma(v.sigma as f32));
                     }
                     Ok(())
                 })

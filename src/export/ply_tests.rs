@@ -23,7 +23,7 @@ fn sample(offset: f64, step: f64) -> InterfaceMesh {
 
 /// The same with sigmas, of which some are unknown.
 fn known(mesh: &InterfaceMesh) -> InterfaceMesh {
-    let sigma = |i: usize| if i % 5 == 3 { f32::NAN } else { 0.1 / i as f32 };
+    let sigma = |i: usize| if i % 5 == 3 { f32::NAN } else { 0.1 / (i + 1) as f32 };
     mesh.clone().with_sigmas((0..mesh.positions().len()).map(sigma).collect()).unwrap()
 }
 

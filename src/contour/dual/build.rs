@@ -14,6 +14,7 @@ use super::leaves::{
 };
 use super::roots::{RootGrid, SIDE, morton, place};
 use crate::classify::LabelVolume;
+use crate::contour::crossing::Midpoints;
 use crate::contour::error::ContourError;
 use crate::contour::hermite::{Hermite, HermiteRule};
 use crate::contour::marching::{self, Cell};
@@ -186,7 +187,8 @@ impl Builder {
     ) -> Result<Vec<FoundLayer>, ContourError> {
         let mut out = Vec::with_capacity(layers.len());
         let grid = &self.leaves.grid;
-        marching::walk(labels, Border::Closed, layers, execution, stage, |layer| {
+        // No kinks: QEFs find sharp edges by themselves.
+        marching::walk(labels, &Midpoints, Border::Closed, layers, execution, stage, |layer| {
             let z = layer.z();
             let mut found = FoundLayer::default();
             layer.visit(labels, rule, self.table, |[x, y], corners, entry| {

@@ -254,7 +254,7 @@ fn weight(packed: u8) -> f64 {
     f64::from(packed) / 255.0
 }
 
-/// Sigma as it is kept: the nearest number whose `f32` has no bits but its upper 16, which is within 0.2 %.
+/// Sigma as it is kept: the nearest number whose `f32` has no bits but its upper 16, which is within 0.4 %.
 pub(super) fn pack_sigma(sigma: f32) -> u16 {
     if sigma.is_nan() { (f32::NAN.to_bits() >> 16) as u16 } else { ((sigma.to_bits() + 0x8000) >> 16) as u16 }
 }
@@ -275,11 +275,11 @@ mod tests {
     use crate::grid::cube::{corner_offset, other_axes};
 
     #[test]
-    fn sigmas_are_kept_to_a_fifth_of_a_percent() {
+    fn sigmas_are_kept_to_half_a_percent() {
         assert!(unpack_sigma(pack_sigma(f32::NAN)).is_nan() && unpack_sigma(pack_sigma(-f32::NAN)).is_nan());
         for i in 0..20_000 {
             let sigma = 1e-6 * (i as f32 * 1e-3).exp();
-            assert!((unpack_sigma(pack_sigma(sigma)) / sigma - 1.0).abs() < 0.002, "{sigma}");
+            assert!((unpack_sigma(pack_sigma(sigma)) / sigma - 1.0).abs() < 0.004, "{sigma}");
         }
         assert_eq!(unpack_sigma(pack_sigma(0.0)).to_bits(), 0);
     }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::forest::Forest;
 use super::leaves::{Leaves, unpack_sigma};
 use super::vertices::Vertices;
+use crate::contour::marching::worst;
 
 /// Sum of squares, and number of crossings.
 type Sum = (f64, u32);
@@ -70,5 +71,5 @@ pub(super) fn worst_sigma(leaves: &Leaves, crossings: impl IntoIterator<Item = u
         return None;
     }
     let sigmas = crossings.into_iter().map(|c| unpack_sigma(leaves.sigmas[c as usize]));
-    Some(sigmas.reduce(|a, b| if a >= b || a.is_nan() { a } else { b }).unwrap_or(f32::NAN))
+    Some(worst(sigmas))
 }

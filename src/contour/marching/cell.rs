@@ -70,7 +70,7 @@ impl Cell {
     }
 
     /// Position of the crossing on edge `e`, in units of the cell.
-    fn crossing<C: CrossingRule>(&self, rule: &C, e: usize) -> [f32; 3] {
+    pub(super) fn crossing<C: CrossingRule>(&self, rule: &C, e: usize) -> [f32; 3] {
         let [p, q] = edge_corners(e);
         let axis = edge_axis(e);
         let mut at = corner_offset(p).map(|o| o as f32);
@@ -92,7 +92,7 @@ impl Cell {
         }
         let measured = |e: &usize| edge_corners(*e).iter().all(|&c| self.labels[c] != MaterialId::OUTSIDE);
         let sigmas = edges.filter(measured).map(|e| self.crossing_sigma(rule, e));
-        sigmas.reduce(|a, b| if a >= b || a.is_nan() { a } else { b }).unwrap_or(f32::NAN)
+        worst(sigmas)
     }
 
     /// The node of face `f`: what the rule knows, else the mean of the face's crossings.
@@ -245,8 +245,13 @@ pub(super) fn crossing_sigma<C: CrossingRule>(
     if labels.contains(&MaterialId::OUTSIDE) { f32::NAN } else { rule.sigma(from, axis, labels) }
 }
 
+/// The least sure of some sigmas: unknown if one of them is, or if there are none.
+pub(in crate::contour) fn worst(sigmas: impl Iterator<Item = f32>) -> f32 {
+    sigmas.reduce(|a, b| if a >= b || a.is_nan() { a } else { b }).unwrap_or(f32::NAN)
+}
+
 /// A rule's node, kept a margin inside its face or cell so that no triangle is without area; `None` if it is no point.
-fn inside(node: Node) -> Option<Node> {
+pub(super) fn inside(node: Node) -> Option<Node> {
     let at = node.at.map(|c| c.clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN));
     at.iter().all(|c| c.is_finite()).then_some(Node { at, ..node })
 }
