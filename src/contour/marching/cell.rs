@@ -4,7 +4,7 @@ use crate::classify::LabelVolume;
 use crate::contour::crossing::{CROSSING_MARGIN, CrossingRule, Node};
 use crate::contour::pattern::{Apex, CellSurface, CellTriangle, PatternTable};
 use crate::grid::cube::{
-    CORNERS, EDGES, FACES, corner_offset, edge_axis, edge_between, edge_corners, face_ring,
+    CORNERS, EDGES, FACES, corner_offset, edge_axis, edge_between, edge_corners, face_ring, other_axes,
 };
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -103,12 +103,40 @@ impl Cell {
             low[axis] += f % 2;
             if let Some(mut node) = rule.node(low, axis).and_then(inside) {
                 node.at[axis] = (f % 2) as f32;
+                node.at = self.in_view(rule, f, node.at);
                 return node;
             }
         }
         let differ = |k: &usize| self.labels[ring[*k]] != self.labels[ring[(k + 1) % 4]];
         let crossed = (0..4).filter(differ).map(|k| edge_between(ring[k], ring[(k + 1) % 4]));
         Node { at: self.middle_of_face(rule, f), sigma: self.worst_sigma(rule, crossed) }
+    }
+
+    /// Where a material has two neighbouring corners of face `f`: the point `at` of the face, or as far on the way to it
+    /// from the mean of the crossings as the middle between these corners sees all of the material's part of the face. A
+    /// cap over both corners would be folded otherwise. (It takes a material with far more than half a turn.)
+    fn in_view<C: CrossingRule>(&self, rule: &C, f: usize, at: [f32; 3]) -> [f32; 3] {
+        /// Steps on the way.
+        const STEPS: u8 = 4;
+        let (ring, [a, b]) = (face_ring(f), other_axes(f / 2));
+        let same = |k: &usize| self.labels[ring[*k]] == self.labels[ring[(k + 1) % 4]];
+        let Some(k) = (0..4).find(same) else { return at };
+        let corner = |k: usize| corner_offset(ring[k % 4]).map(|o| o as f32);
+        let crossing = |k: usize| self.crossing(rule, edge_between(ring[k % 4], ring[(k + 1) % 4]));
+        let (p, q, mean) = (crossing(k + 1), crossing(k + 3), self.middle_of_face(rule, f));
+        let (c, d) = (corner(k), corner(k + 1));
+        let eye: [f32; 3] = std::array::from_fn(|i| 0.5 * (c[i] + d[i]));
+        let turn =
+            |u: [f32; 3], v: [f32; 3]| (u[a] - eye[a]) * (v[b] - eye[b]) - (u[b] - eye[b]) * (v[a] - eye[a]);
+        // The ring's own way of turning: `p` lies that way before the corner across from it.
+        let way = turn(d, corner(k + 2)).signum();
+        let in_view =
+            |at: &[f32; 3]| turn(p, *at) * way > CROSSING_MARGIN && turn(*at, q) * way > CROSSING_MARGIN;
+        let part = |step: u8| {
+            let t = f32::from(step) / f32::from(STEPS);
+            std::array::from_fn(|i| mean[i] + t * (at[i] - mean[i]))
+        };
+        if in_view(&at) { at } else { (1..STEPS).rev().map(part).find(in_view).unwrap_or(mean) }
     }
 
     /// The mean of the crossings of face `f`, in units of the cell; where two materials meet `OUTSIDE`, straight

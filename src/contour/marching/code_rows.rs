@@ -205,7 +205,7 @@ pub(super) fn plain(planes: usize, outside: usize, ring: impl Fn(usize) -> [Bloc
     let mut plain = [0; BLOCK];
     for (k, plain) in plain.iter_mut().enumerate() {
         let [a, b, c, d] = sides.map(|side| side[k]);
-        // Never one side or three of two materials: two, but not four.
+        // An even number of sides, but neither none nor all four.
         let two = (a | b | c | d) & !(a & b & c & d) & !(a ^ b ^ c ^ d);
         *plain = two & !out.iter().fold(0, |any, corner| any | corner[k]);
     }
