@@ -170,14 +170,16 @@ impl Cell {
     }
 
     /// The cell's apexes. The rule is asked for the one of a junction that is all there is in the cell and is not at
-    /// the border: that of a loop lies on no junction, a cap follows its main apex, and beside another sheet only the
-    /// mean of the nodes is sure to lie on the right side of it.
+    /// the border: that of a loop lies on no junction, a cap follows its main apex, and beside another sheet, or with a
+    /// cap over several corners, only the mean of the nodes is sure to lie on the right side.
     pub(super) fn apexes<C: CrossingRule>(&self, rule: &C, surface: &CellSurface) -> Vec<Node> {
         let mut out: Vec<Node> = Vec::with_capacity(surface.apexes.len());
+        let is_wide = |apex: &Apex| matches!(apex, Apex::Cap { corners, .. } if corners.count_ones() > 1);
+        let is_free = !self.labels.contains(&MaterialId::OUTSIDE) && !surface.apexes.iter().any(is_wide);
         for apex in &surface.apexes {
             if let Apex::Sheet { face_nodes: 1.., crossings } = *apex
                 && crossings == surface.crossings
-                && !self.labels.contains(&MaterialId::OUTSIDE)
+                && is_free
                 && let Some(node) = rule.apex(self.low).and_then(inside)
             {
                 out.push(node);
