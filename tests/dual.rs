@@ -63,6 +63,7 @@ fn patch(surface: &DualSurface) -> Patch {
         kinds: surface.kinds.clone(),
         triangles: surface.triangles.clone(),
         pairs: surface.pairs.clone(),
+        ..Patch::default()
     }
 }
 
@@ -247,5 +248,75 @@ fn a_binary_box_keeps_its_edges_and_corners_wherever_blocks_cut_it() {
                 assert!(nearest < 0.01, "{low} {bound:?}: corner {to} missed by {nearest}");
             }
         }
+    }
+}
+
+/// Crossings of labels whose sigmas are known, but for every fifth; they grow along x.
+struct Sure<'a>(LabelHermite<'a>);
+
+impl CrossingRule for Sure<'_> {
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.0.position(from, axis, labels)
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        self.0.joins_first(ring, labels)
+    }
+
+    fn has_sigmas(&self) -> bool {
+        true
+    }
+
+    fn sigma(&self, [x, y, z]: [usize; 3], axis: usize, _: [MaterialId; 2]) -> f32 {
+        if mix(5, &[x, y, z, axis]).is_multiple_of(5) { f32::NAN } else { 0.01 * x as f32 }
+    }
+}
+
+impl HermiteRule for Sure<'_> {
+    fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite {
+        self.0.hermite(from, axis, labels)
+    }
+}
+
+#[test]
+fn sigmas_of_vertices_are_between_those_of_their_crossings() {
+    let (size, spacing) = ([40, 20, 20], [0.2, 0.1, 0.1]);
+    let geometry = Geometry::axis_aligned(size, spacing).unwrap();
+    let labels: Vec<u8> = (0..40 * 20 * 20usize)
+        .map(|i| {
+            let [x, y, z] = [i % 40, i / 40 % 20, i / 800].map(|c| c as f64);
+            let inside = (y - 9.5).hypot(z - 9.7) < 6.0 && (4.0..36.0).contains(&x);
+            if inside { 1 + u8::from(x + 0.3 * y > 22.0) } else { 0 }
+        })
+        .collect();
+    let (volume, _) = LabelVolume::from_labels(&labels, size).unwrap();
+    let edge = spacing.iter().product::<f64>().cbrt();
+    for bound in [Bound::None, Bound::Rms(0.5)] {
+        let rule = Sure(LabelHermite::new(&volume, spacing));
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| contour(&volume, &geometry, &rule, bound, Border::Closed))
+        };
+        let (surface, again) = (run(1), run(3));
+        let bits = |s: &DualSurface| s.sigmas.iter().map(|s| s.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&surface), bits(&again));
+        assert_eq!(surface.sigmas.len(), surface.positions.len());
+        // A vertex without simplification stands for the crossings of its cell; merged ones go farther.
+        let reach = if bound == Bound::None { 1.6 } else { 16.0 };
+        let mut known = 0;
+        for (sigma, at) in surface.sigmas.iter().zip(&surface.positions) {
+            if !sigma.is_nan() {
+                known += 1;
+                let x = f64::from(*sigma) / edge / 0.01 - 1.0;
+                assert!((x - at.x / spacing[0]).abs() < reach, "{x} {at}");
+            }
+        }
+        assert!(20 * known > 19 * surface.sigmas.len(), "{known}");
+        let mesh = InterfaceMesh::from_dual(surface.clone(), mesh(&surface, 3).materials().to_vec()).unwrap();
+        assert_eq!(mesh.sigmas().map(<[f32]>::len), Some(surface.sigmas.len()));
+        let pairs = measure(&mesh).pairs;
+        assert!(pairs.iter().all(|p| p.sigma.is_some_and(|s| s.median > 0.0 && s.median <= s.percent_95)));
+        let unsure = contour(&volume, &geometry, &rule.0, bound, Border::Closed);
+        assert!(unsure.sigmas.is_empty() && unsure.positions == surface.positions);
     }
 }

@@ -7,6 +7,7 @@
 //! the border with `OUTSIDE`. Positions are in lattice units, so anisotropic spacing needs no care
 //! here.
 
+use super::hermite::{PairQuality, Qualities};
 use crate::classify::BitPlanes;
 use crate::grid::MaterialId;
 use crate::material::MaterialTable;
@@ -17,8 +18,22 @@ use crate::volume::{Sample, Slab};
 /// rounding of `f32` lattice coordinates up to 2^15, small against any error of measurement.
 pub const CROSSING_MARGIN: f32 = 1.0 / 256.0;
 
+/// A point on a face of a cell, or inside a cell, that a [`CrossingRule`] knows better than contouring does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Where it is, in units of the cell (one per axis between neighbouring voxel centres), from the lowest corner of
+    /// the face or cell. On a face, the coordinate across it is 0. Contouring keeps it [`CROSSING_MARGIN`] inside.
+    pub at: [f32; 3],
+    /// Standard deviation of its position along the normal of the interfaces there, in voxels of mean edge
+    /// length; NaN if unknown.
+    pub sigma: f32,
+}
+
 /// Decides positions of crossings and ambiguous faces. Points are of the padded lattice and inside
 /// the volume. Must give the same answer whenever asked.
+///
+/// Beyond positions a rule may know their standard deviations, where junction curves pass through faces and
+/// cells, and where sharp edges of one interface do; by default it knows none of them.
 pub trait CrossingRule: Sync {
     /// Where the crossing lies on the edge from `from` to its neighbour `to` along `axis`, as a
     /// fraction of the edge within [`CROSSING_MARGIN`] and 1 - [`CROSSING_MARGIN`]; `labels` are
@@ -35,6 +50,47 @@ pub trait CrossingRule: Sync {
     /// On a face whose corners show `labels[0], labels[1], labels[0], labels[1]` in ring order:
     /// whether the diagonal of ring corners 0 and 2 is joined (else 1 and 3).
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool;
+
+    /// Whether [`sigma`](Self::sigma) ever gives a number. If not, no sigmas are kept.
+    #[inline]
+    fn has_sigmas(&self) -> bool {
+        false
+    }
+
+    /// Standard deviation of the interface's position along its normal, in voxels of mean edge length, at the
+    /// crossing on the edge from `from` along `axis`; NaN if unknown.
+    #[inline]
+    fn sigma(&self, _from: [usize; 3], _axis: usize, _labels: [MaterialId; 2]) -> f32 {
+        f32::NAN
+    }
+
+    /// Where a junction curve passes through the lattice face across `axis` whose lowest corner is `low`, if that
+    /// is known better than as the mean of the face's crossings. Asked for faces where three or four materials meet in
+    /// a star, none of them `OUTSIDE`.
+    #[inline]
+    fn node(&self, _low: [usize; 3], _axis: usize) -> Option<Node> {
+        None
+    }
+
+    /// The junction point, or a point of the junction curve, in the cell whose lowest corner is `low`, if that is
+    /// known better than as the mean of the sheet's nodes.
+    #[inline]
+    fn apex(&self, _low: [usize; 3]) -> Option<Node> {
+        None
+    }
+
+    /// Whether [`kink`](Self::kink) ever gives one. If not, it is not asked.
+    #[inline]
+    fn has_kinks(&self) -> bool {
+        false
+    }
+
+    /// Where a sharp edge of one interface passes through the lattice face across `axis` whose lowest corner is
+    /// `low`. Asked for faces with two materials, neither of them `OUTSIDE`, and two crossings.
+    #[inline]
+    fn kink(&self, _low: [usize; 3], _axis: usize) -> Option<Node> {
+        None
+    }
 }
 
 /// Crossings at edge midpoints; on ambiguous faces the material with the higher id is joined.
@@ -57,13 +113,21 @@ impl CrossingRule for Midpoints {
 pub struct Level<'a, S> {
     slab: Slab<'a, S>,
     threshold: f32,
+    /// Of all crossings, if known.
+    sigma: Option<f32>,
 }
 
 impl<'a, S: Sample> Level<'a, S> {
     /// For a slab and a grey value; labels must be 1 where the grey value is at least that, else 0.
     #[must_use]
     pub fn new(slab: Slab<'a, S>, threshold: f32) -> Self {
-        Self { slab, threshold }
+        Self { slab, threshold, sigma: None }
+    }
+
+    /// With crossings known to [`PairQuality::position_sigma`].
+    #[must_use]
+    pub fn with_sigma(self, quality: &PairQuality) -> Self {
+        Self { sigma: Some(quality.position_sigma() as f32), ..self }
     }
 
     #[inline]
@@ -88,6 +152,14 @@ impl<S: Sample> CrossingRule for Level<'_, S> {
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
         saddle_joins_first(ring.map(|p| self.above(p)), labels)
     }
+
+    fn has_sigmas(&self) -> bool {
+        self.sigma.is_some()
+    }
+
+    fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.sigma.filter(|_| self.located(from, axis, labels).is_some()).unwrap_or(f32::NAN)
+    }
 }
 
 /// Crossings by the threshold of the pair; see the module's header. On ambiguous faces the sign of
@@ -100,6 +172,8 @@ pub struct Thresholds<'a, S> {
     /// Number of materials, and the threshold of each pair.
     materials: usize,
     thresholds: Vec<f32>,
+    /// What is known of each pair's crossings; empty if nothing is.
+    sigmas: Vec<f32>,
 }
 
 impl<'a, S: Sample> Thresholds<'a, S> {
@@ -108,7 +182,21 @@ impl<'a, S: Sample> Thresholds<'a, S> {
     pub fn new(slab: Slab<'a, S>, junction: &'a BitPlanes, materials: &'a MaterialTable) -> Self {
         let (ids, n) = (materials.materials(), materials.count());
         let threshold = |i: usize| materials.threshold(ids[i / n].id, ids[i % n].id) as f32;
-        Self { slab, junction, materials: n, thresholds: (0..n * n).map(threshold).collect() }
+        let thresholds = (0..n * n).map(threshold).collect();
+        Self { slab, junction, materials: n, thresholds, sigmas: Vec::new() }
+    }
+
+    /// With crossings known to [`PairQuality::position_sigma`] of their
+    /// pair; those at midpoints stay unknown.
+    ///
+    /// # Panics
+    /// If there are qualities of fewer materials than the table has.
+    #[must_use]
+    pub fn with_sigmas(self, qualities: &Qualities) -> Self {
+        let n = self.materials;
+        let id = |i: usize| MaterialId(i as u8);
+        let sigma = |i: usize| qualities.of([id(i / n), id(i % n)]).position_sigma() as f32;
+        Self { sigmas: (0..n * n).map(sigma).collect(), ..self }
     }
 
     /// Grey value above the threshold of `labels`, or `None` where it is not credible.
@@ -121,10 +209,14 @@ impl<'a, S: Sample> Thresholds<'a, S> {
     }
 
     fn threshold(&self, labels: [MaterialId; 2]) -> f32 {
+        self.of_pair(&self.thresholds, labels)
+    }
+
+    fn of_pair(&self, values: &[f32], labels: [MaterialId; 2]) -> f32 {
         let [a, b] = labels.map(|id| usize::from(id.0));
         // No threshold towards OUTSIDE: nothing lies above it.
         let known = a < self.materials && b < self.materials;
-        if known { self.thresholds[a * self.materials + b] } else { f32::NAN }
+        if known { values[a * self.materials + b] } else { f32::NAN }
     }
 }
 
@@ -147,6 +239,17 @@ impl<S: Sample> CrossingRule for Thresholds<'_, S> {
         let [a, b, c, d] = ring.map(|p| self.above(p, threshold));
         let (Some(a), Some(b), Some(c), Some(d)) = (a, b, c, d) else { return labels[0] > labels[1] };
         saddle_joins_first([a, b, c, d], labels)
+    }
+
+    fn has_sigmas(&self) -> bool {
+        !self.sigmas.is_empty()
+    }
+
+    fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        match self.located(from, axis, labels) {
+            Some(_) if self.has_sigmas() => self.of_pair(&self.sigmas, labels),
+            _ => f32::NAN,
+        }
     }
 }
 
@@ -192,5 +295,11 @@ mod tests {
         junction.row_mut(0, 1, 1)[0] |= 1 << 1;
         let rule = Thresholds::new(Slab::whole(&samples, [5, 1, 1]), &junction, &materials);
         assert_eq!(rule.position([1, 1, 1], 0, ids(0, 1)), 0.5);
+        // Sigmas are those of the pair, and unknown where the position is.
+        assert!(!rule.has_sigmas() && rule.sigma([3, 1, 1], 0, ids(2, 1)).is_nan());
+        let quality = PairQuality { blur: 1.0, noise: 0.1, contrast: 30.0 };
+        let rule = rule.with_sigmas(&Qualities::alike(3, quality));
+        assert!(rule.has_sigmas() && rule.sigma([1, 1, 1], 0, ids(0, 1)).is_nan());
+        assert_eq!(rule.sigma([3, 1, 1], 0, ids(2, 1)), quality.position_sigma() as f32);
     }
 }

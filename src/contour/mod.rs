@@ -14,9 +14,10 @@ mod patch;
 pub mod pattern;
 mod piece;
 
-pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Thresholds};
+pub use crossing::{CROSSING_MARGIN, CrossingRule, Level, Midpoints, Node, Thresholds};
 pub use error::ContourError;
 pub use hermite::{Hermite, HermiteRule, NormalRule};
 pub use isosurface::isosurface;
 pub use patch::{Border, Patch};
+pub(crate) use patch::{append_sigmas, same_sigmas};
 pub use piece::{Piece, SeamKey, layers_of, merge};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ContourError;
 use super::marching::{check_triangles, check_vertices};
-use super::patch::Patch;
+use super::patch::{Patch, append_sigmas};
 
 /// The surface in a run of layers of cells; see `docs/scale.md`.
 ///
@@ -70,6 +70,7 @@ impl Piece {
         let patch = &mut self.patch;
         patch.positions.truncate(self.owned);
         patch.positions.extend(next.patch.positions);
+        append_sigmas(&mut patch.sigmas, self.owned, &next.patch.sigmas, next.patch.kinds.len());
         patch.kinds.truncate(self.owned);
         patch.kinds.extend(next.patch.kinds);
         patch.triangles.extend(next.patch.triangles.into_iter().map(|t| t.map(|v| v + offset)));
@@ -100,6 +101,7 @@ impl Piece {
         let vertices = patch.positions.len();
         let fits = self.owned.checked_add(self.seam_above.len()) == Some(vertices)
             && patch.kinds.len() == vertices
+            && (patch.sigmas.is_empty() || patch.sigmas.len() == vertices)
             && patch.pairs.len() == patch.triangles.len()
             && self.seam_below.len() <= vertices
             && self.last_layer[0] <= self.owned
@@ -141,6 +143,8 @@ impl SeamKey {
     pub const Y_EDGE: u64 = 1;
     /// A node of a face across z.
     pub const Z_FACE: u64 = 2;
+    /// A kink of a face across z.
+    pub const Z_KINK: u64 = 3;
     /// Bits of a coordinate: padded ones go up to 2^15 + 1.
     const BITS: u32 = 16;
 
@@ -169,6 +173,7 @@ impl fmt::Display for SeamKey {
             Self::X_EDGE => "the x edge",
             Self::Y_EDGE => "the y edge",
             Self::Z_FACE => "the z face",
+            Self::Z_KINK => "the kink of the z face",
             _ => "an unknown thing",
         };
         let [x, y, z] = self.low();

@@ -12,7 +12,7 @@ use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyType, ScalarType};
 use rayon::prelude::*;
 
 use super::block_reader::read_blocks;
-use super::ply_layout::{Coordinates, FACE, extents, vertex_bytes};
+use super::ply_layout::{Coordinates, FACE, VertexForm, extents, read_sigma};
 use super::read::{Labels, Raw, ReadOptions};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -24,8 +24,8 @@ const TASK: usize = 1 << 12;
 /// A file in our layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Layout {
-    /// The type of coordinates.
-    pub(super) coordinates: Coordinates,
+    /// What a vertex holds.
+    pub(super) form: VertexForm,
     /// Vertices and faces.
     pub(super) counts: [u64; 2],
     /// Where the vertices begin, the faces begin, and the faces end.
@@ -46,13 +46,18 @@ impl Layout {
             e.properties.iter().map(|(_, p)| (p.name.clone(), p.data_type.clone())).collect()
         };
         let byte = || PropertyType::Scalar(ScalarType::UChar);
-        let coordinates = [Coordinates::Float, Coordinates::Double].into_iter().find(|&c| {
-            let number = || match c {
+        let both = [Coordinates::Float, Coordinates::Double];
+        let forms =
+            both.into_iter().flat_map(|c| [false, true].map(|sigma| VertexForm { coordinates: c, sigma }));
+        let form = forms.into_iter().find(|form| {
+            let number = || match form.coordinates {
                 Coordinates::Float => PropertyType::Scalar(ScalarType::Float),
                 Coordinates::Double => PropertyType::Scalar(ScalarType::Double),
             };
             let axes = ["x", "y", "z"].map(|axis| (axis.to_owned(), number()));
-            of(vertex) == [axes.as_slice(), &[(options.kind.clone(), byte())]].concat()
+            let sigma = form.sigma.then(|| ("sigma".to_owned(), PropertyType::Scalar(ScalarType::Float)));
+            let rest = [Some((options.kind.clone(), byte())), sigma].into_iter().flatten();
+            of(vertex) == axes.into_iter().chain(rest).collect::<Vec<_>>()
         })?;
         let indices = || PropertyType::List(ScalarType::UChar, ScalarType::Int);
         let has_indices = |name: &String| {
@@ -64,15 +69,15 @@ impl Layout {
                 ]
         };
         let counts = [vertex.count as u64, face.count as u64];
-        let [middle, end] = extents(start, coordinates, counts)?;
+        let [middle, end] = extents(start, form, counts)?;
         let ours = options.vertex_indices.iter().any(has_indices) && end <= length;
-        ours.then_some(Self { coordinates, counts, offsets: [start, middle, end] })
+        ours.then_some(Self { form, counts, offsets: [start, middle, end] })
     }
 }
 
 /// Reads all of a file in our layout; `None` if anything in it is unusual.
 pub(super) fn read(file: &File, layout: &Layout, materials: &[(u8, String, f64)]) -> Option<Raw> {
-    let Layout { coordinates, counts, offsets: [start, middle, end] } = *layout;
+    let Layout { form, counts, offsets: [start, middle, end] } = *layout;
     let [vertices, faces] = counts.map(usize::try_from);
     let (vertices, faces) = (vertices.ok()?, faces.ok()?);
     let mut raw = Raw { materials: materials.to_vec(), ..Raw::default() };
@@ -82,12 +87,16 @@ pub(super) fn read(file: &File, layout: &Layout, materials: &[(u8, String, f64)]
     raw.kinds.try_reserve_exact(vertices).ok()?;
     raw.triangles.try_reserve_exact(faces).ok()?;
     pairs.try_reserve_exact(faces).ok()?;
-    let size = vertex_bytes(coordinates);
+    if form.sigma {
+        raw.sigmas.try_reserve_exact(vertices).ok()?;
+    }
+    let size = form.bytes();
     let kinds = kinds_by_code();
     read_blocks(file, start, middle - start, BLOCK * size, |bytes| {
-        add_positions(&mut raw.positions, bytes, coordinates);
+        add_positions(&mut raw.positions, bytes, form);
+        add_sigmas(&mut raw.sigmas, bytes, form);
         let codes = bytes.par_chunks_exact(size).with_min_len(TASK);
-        raw.kinds.par_extend(codes.map(|v| kinds[usize::from(v[size - 1])]));
+        raw.kinds.par_extend(codes.map(|v| kinds[usize::from(v[form.kind_at()])]));
         io::Result::Ok(())
     })
     .ok()?;
@@ -106,9 +115,9 @@ pub(super) fn kinds_by_code() -> [Option<VertexKind>; 256] {
 }
 
 /// Adds the positions of whole vertices.
-pub(super) fn add_positions(positions: &mut Vec<DVec3>, bytes: &[u8], coordinates: Coordinates) {
-    let vertices = bytes.par_chunks_exact(vertex_bytes(coordinates)).with_min_len(TASK);
-    match coordinates {
+pub(super) fn add_positions(positions: &mut Vec<DVec3>, bytes: &[u8], form: VertexForm) {
+    let vertices = bytes.par_chunks_exact(form.bytes()).with_min_len(TASK);
+    match form.coordinates {
         Coordinates::Float => positions.par_extend(vertices.map(|v| {
             let number = |i| f64::from(f32::from_le_bytes([v[i], v[i + 1], v[i + 2], v[i + 3]]));
             DVec3::new(number(0), number(4), number(8))
@@ -121,6 +130,16 @@ pub(super) fn add_positions(positions: &mut Vec<DVec3>, bytes: &[u8], coordinate
             };
             DVec3::new(number(0), number(8), number(16))
         })),
+    }
+}
+
+/// Adds the sigmas of whole vertices, if they have one.
+pub(super) fn add_sigmas(sigmas: &mut Vec<f32>, bytes: &[u8], form: VertexForm) {
+    if form.sigma {
+        let at = form.kind_at() + 1;
+        let vertices = bytes.par_chunks_exact(form.bytes()).with_min_len(TASK);
+        let number = |v: &[u8]| f32::from_le_bytes([v[at], v[at + 1], v[at + 2], v[at + 3]]);
+        sigmas.par_extend(vertices.map(|v| read_sigma(number(v))));
     }
 }
 

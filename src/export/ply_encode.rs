@@ -10,8 +10,39 @@ use ply_rs_bw::ply::PropertyAccess;
 use ply_rs_bw::writer::Writer;
 use rayon::prelude::*;
 
-use super::ply_layout::{Coordinates, FACE, PlyEncoding, PlyOptions, elements, vertex_bytes};
+use super::ply_layout::{Coordinates, FACE, PlyEncoding, PlyOptions, VertexForm, elements, written_sigma};
 use crate::grid::{Pair, VertexKind};
+use crate::mesh::InterfaceMesh;
+
+/// The vertices of a mesh, or some of them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Vertices<'a> {
+    pub(super) positions: &'a [DVec3],
+    pub(super) kinds: &'a [VertexKind],
+    /// If the file has them.
+    pub(super) sigmas: Option<&'a [f32]>,
+}
+
+impl<'a> Vertices<'a> {
+    /// The first of a mesh.
+    pub(super) fn of(mesh: &'a InterfaceMesh, count: usize) -> Self {
+        let (positions, kinds) = (&mesh.positions()[..count], &mesh.kinds()[..count]);
+        Self { positions, kinds, sigmas: mesh.sigmas().map(|sigmas| &sigmas[..count]) }
+    }
+
+    /// Runs of `size`.
+    pub(super) fn chunks(self, size: usize) -> impl Iterator<Item = Self> {
+        (0..self.positions.len()).step_by(size).map(move |from| {
+            let range = from..(from + size).min(self.positions.len());
+            let (positions, kinds) = (&self.positions[range.clone()], &self.kinds[range.clone()]);
+            Self { positions, kinds, sigmas: self.sigmas.map(|sigmas| &sigmas[range]) }
+        })
+    }
+
+    fn form(self, options: PlyOptions) -> VertexForm {
+        VertexForm { coordinates: options.coordinates, sigma: self.sigmas.is_some() }
+    }
+}
 
 /// Elements that one task encodes.
 const TASK: usize = 1 << 13;
@@ -36,16 +67,13 @@ impl<'a> Pairs<'a> {
 }
 
 /// Puts vertices into `out`, which is emptied first.
-pub(super) fn vertices(
-    out: &mut Vec<u8>,
-    positions: &[DVec3],
-    kinds: &[VertexKind],
-    options: PlyOptions,
-) -> io::Result<()> {
+pub(super) fn vertices(out: &mut Vec<u8>, all: Vertices<'_>, options: PlyOptions) -> io::Result<()> {
     if options.encoding != PlyEncoding::BinaryLittleEndian {
-        return vertices_by_library(out, positions, kinds, options);
+        return vertices_by_library(out, all, options);
     }
-    let size = vertex_bytes(options.coordinates);
+    let Vertices { positions, kinds, sigmas } = all;
+    let form = all.form(options);
+    let size = form.bytes();
     // What is in it is written over: only growth costs anything.
     out.resize(size * positions.len(), 0);
     let tasks = out.par_chunks_mut(size * TASK).zip(positions.par_chunks(TASK)).zip(kinds.par_chunks(TASK));
@@ -68,6 +96,11 @@ pub(super) fn vertices(
             }),
         }
     });
+    if let Some(sigmas) = sigmas {
+        let at = form.kind_at() + 1;
+        let tasks = out.par_chunks_mut(size).with_min_len(TASK).zip(sigmas);
+        tasks.for_each(|(bytes, sigma)| bytes[at..].copy_from_slice(&written_sigma(*sigma).to_le_bytes()));
+    }
     Ok(())
 }
 
@@ -104,16 +137,13 @@ pub(super) fn faces(
     Ok(())
 }
 
-fn vertices_by_library(
-    out: &mut Vec<u8>,
-    positions: &[DVec3],
-    kinds: &[VertexKind],
-    options: PlyOptions,
-) -> io::Result<()> {
+fn vertices_by_library(out: &mut Vec<u8>, all: Vertices<'_>, options: PlyOptions) -> io::Result<()> {
     out.clear();
-    let ([def, _], writer) = (elements(options.coordinates, [0; 2]), Writer::<Vertex>::new());
-    for (position, kind) in positions.iter().zip(kinds) {
-        let element = Vertex { position: position.to_array(), kind: kind.code() };
+    let ([def, _], writer) = (elements(all.form(options), [0; 2]), Writer::<Vertex>::new());
+    for (i, (position, kind)) in all.positions.iter().zip(all.kinds).enumerate() {
+        let sigma = all.sigmas.map_or(f32::NAN, |sigmas| sigmas[i]);
+        let element =
+            Vertex { position: position.to_array(), kind: kind.code(), sigma: written_sigma(sigma) };
         match options.encoding {
             PlyEncoding::BinaryLittleEndian => writer.write_little_endian_element(out, &element, &def),
             PlyEncoding::BinaryBigEndian => writer.write_big_endian_element(out, &element, &def),
@@ -131,7 +161,8 @@ fn faces_by_library(
     options: PlyOptions,
 ) -> io::Result<()> {
     out.clear();
-    let ([_, def], writer) = (elements(options.coordinates, [0; 2]), Writer::<Face>::new());
+    let form = VertexForm { coordinates: options.coordinates, sigma: false };
+    let ([_, def], writer) = (elements(form, [0; 2]), Writer::<Face>::new());
     for (i, triangle) in triangles.iter().enumerate() {
         let pair = match pairs {
             Pairs::Each(pairs) => pairs[i],
@@ -152,6 +183,7 @@ fn faces_by_library(
 struct Vertex {
     position: [f64; 3],
     kind: u8,
+    sigma: f32,
 }
 
 impl Vertex {
@@ -162,11 +194,11 @@ impl Vertex {
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: [0.0; 3], kind: 0 }
+        Self { position: [0.0; 3], kind: 0, sigma: f32::NAN }
     }
 
     fn get_float(&self, name: &str) -> Option<f32> {
-        self.coordinate(name).map(|c| c as f32)
+        if name == "sigma" { Some(self.sigma) } else { self.coordinate(name).map(|c| c as f32) }
     }
 
     fn get_double(&self, name: &str) -> Option<f64> {
@@ -215,9 +247,14 @@ mod tests {
         let (mut ours, mut theirs) = (vec![1; 7], vec![2; 9]);
         for coordinates in [Coordinates::Float, Coordinates::Double] {
             let options = PlyOptions { coordinates, encoding: PlyEncoding::BinaryLittleEndian };
-            vertices(&mut ours, &positions, mesh.kinds(), options).unwrap();
-            vertices_by_library(&mut theirs, &positions, mesh.kinds(), options).unwrap();
-            assert_eq!(ours, theirs);
+            let sigmas: Vec<f32> =
+                (0..positions.len()).map(|i| if i == 3 { f32::NAN } else { 0.1 / (i + 1) as f32 }).collect();
+            for sigmas in [None, Some(sigmas.as_slice())] {
+                let all = Vertices { positions: &positions, kinds: mesh.kinds(), sigmas };
+                vertices(&mut ours, all, options).unwrap();
+                vertices_by_library(&mut theirs, all, options).unwrap();
+                assert_eq!(ours, theirs);
+            }
             for pairs in [Pairs::Each(mesh.pairs()), Pairs::All(mesh.pairs()[0])] {
                 faces(&mut ours, mesh.triangles(), 70_000, pairs, options).unwrap();
                 faces_by_library(&mut theirs, mesh.triangles(), 70_000, pairs, options).unwrap();

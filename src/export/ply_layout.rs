@@ -89,33 +89,58 @@ pub(super) const FACE: usize = 1 + 3 * 4 + 2;
 /// Decimals of the largest counts of vertices and faces.
 const DIGITS: usize = 10 + 20;
 
-/// Bytes of a binary vertex: three coordinates and its kind.
-pub(super) const fn vertex_bytes(coordinates: Coordinates) -> usize {
-    match coordinates {
-        Coordinates::Float => 3 * 4 + 1,
-        Coordinates::Double => 3 * 8 + 1,
+/// What a vertex of a file holds: coordinates, kind and, if it is known, sigma.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct VertexForm {
+    /// The type of coordinates.
+    pub(super) coordinates: Coordinates,
+    /// Whether there is a sigma.
+    pub(super) sigma: bool,
+}
+
+impl VertexForm {
+    /// Where the kind begins in a binary vertex; the sigma follows it.
+    pub(super) const fn kind_at(self) -> usize {
+        match self.coordinates {
+            Coordinates::Float => 3 * 4,
+            Coordinates::Double => 3 * 8,
+        }
+    }
+
+    /// Bytes of a binary vertex.
+    pub(super) const fn bytes(self) -> usize {
+        self.kind_at() + 1 + if self.sigma { 4 } else { 0 }
     }
 }
 
+/// A sigma as files have it: -1 where it is unknown, as text has no word for that which all tools can read.
+pub(super) fn written_sigma(sigma: f32) -> f32 {
+    if sigma >= 0.0 && sigma.is_finite() { sigma } else { -1.0 }
+}
+
+/// The inverse of [`written_sigma`].
+pub(super) fn read_sigma(written: f32) -> f32 {
+    if written >= 0.0 { written } else { f32::NAN }
+}
+
 /// Where the faces begin and where they end, from a binary file's start; `None` beyond 2^64 - 1.
-pub(super) fn extents(
-    header: u64,
-    coordinates: Coordinates,
-    [vertices, faces]: [u64; 2],
-) -> Option<[u64; 2]> {
-    let start = vertices.checked_mul(vertex_bytes(coordinates) as u64)?.checked_add(header)?;
+pub(super) fn extents(header: u64, form: VertexForm, [vertices, faces]: [u64; 2]) -> Option<[u64; 2]> {
+    let start = vertices.checked_mul(form.bytes() as u64)?.checked_add(header)?;
     Some([start, faces.checked_mul(FACE as u64)?.checked_add(start)?])
 }
 
 /// The elements of our files, by which the library writes text and big endian.
-pub(super) fn elements(coordinates: Coordinates, [vertices, faces]: [usize; 2]) -> [ElementDef; 2] {
+pub(super) fn elements(form: VertexForm, [vertices, faces]: [usize; 2]) -> [ElementDef; 2] {
     let scalar = PropertyType::Scalar;
     let mut vertex = ElementDef::new("vertex".to_owned());
     vertex.count = vertices;
     for axis in ["x", "y", "z"] {
-        vertex.properties.add(PropertyDef::new(axis.to_owned(), scalar(coordinates.scalar())));
+        vertex.properties.add(PropertyDef::new(axis.to_owned(), scalar(form.coordinates.scalar())));
     }
     vertex.properties.add(PropertyDef::new("kind".to_owned(), scalar(ScalarType::UChar)));
+    if form.sigma {
+        vertex.properties.add(PropertyDef::new("sigma".to_owned(), scalar(ScalarType::Float)));
+    }
     let mut face = ElementDef::new("face".to_owned());
     face.count = faces;
     let indices = PropertyType::List(ScalarType::UChar, ScalarType::Int);
@@ -126,10 +151,11 @@ pub(super) fn elements(coordinates: Coordinates, [vertices, faces]: [usize; 2]) 
     [vertex, face]
 }
 
-/// The header of a file with so many vertices and faces: as long as that of any other counts.
+/// The header of a file with so many vertices, with or without a sigma, and faces: as long as that of any other counts.
 pub(super) fn header(
     materials: &[MeshMaterial],
     options: PlyOptions,
+    sigma: bool,
     counts: [u64; 2],
 ) -> io::Result<Vec<u8>> {
     let digits: usize = counts.iter().map(|n| n.to_string().len()).sum();
@@ -151,7 +177,12 @@ pub(super) fn header(
         header.comments.push(format!("material {} {} {}", material.id.0, name, material.mean));
     }
     header.comments.push(format!("room for counts {}", ".".repeat(1 + DIGITS.saturating_sub(digits))));
-    for element in elements(options.coordinates, sizes) {
+    if sigma {
+        header
+            .comments
+            .push("sigma is a standard deviation along the normal in mm, -1 where unknown".to_owned());
+    }
+    for element in elements(VertexForm { coordinates: options.coordinates, sigma }, sizes) {
         header.elements.add(element);
     }
     let mut text = Vec::new();
@@ -168,10 +199,10 @@ mod tests {
     fn a_header_is_as_long_for_any_counts() {
         for coordinates in [Coordinates::Float, Coordinates::Double] {
             let options = PlyOptions { coordinates, ..PlyOptions::default() };
-            let long = header(&materials(), options, [MOST_VERTICES, u64::MAX]).unwrap();
+            let long = header(&materials(), options, true, [MOST_VERTICES, u64::MAX]).unwrap();
             assert!(String::from_utf8_lossy(&long).contains("element face 18446744073709551615\n"));
             for counts in [[0, 0], [7, 12], [MOST_VERTICES, 1 << 32], [123, 45_678_901_234]] {
-                assert_eq!(header(&materials(), options, counts).unwrap().len(), long.len());
+                assert_eq!(header(&materials(), options, true, counts).unwrap().len(), long.len());
             }
         }
     }
@@ -180,10 +211,16 @@ mod tests {
     fn offsets_beyond_four_gibibytes_are_right() {
         let counts = [MOST_VERTICES, 5_000_000_000];
         let start = 600 + 13 * 2_147_483_647;
-        assert_eq!(extents(600, Coordinates::Float, counts), Some([start, start + 75_000_000_000]));
-        assert_eq!(extents(600, Coordinates::Double, [1 << 32, 0]), Some([600 + (25 << 32); 2]));
-        assert_eq!(extents(600, Coordinates::Float, [0, u64::MAX]), None);
-        assert_eq!(extents(600, Coordinates::Double, [u64::MAX / 25, 9]), None);
+        let [float, double] =
+            [Coordinates::Float, Coordinates::Double].map(|c| VertexForm { coordinates: c, sigma: false });
+        assert_eq!(extents(600, float, counts), Some([start, start + 75_000_000_000]));
+        assert_eq!(extents(600, double, [1 << 32, 0]), Some([600 + (25 << 32); 2]));
+        assert_eq!(
+            extents(600, VertexForm { sigma: true, ..float }, [1 << 32, 0]),
+            Some([600 + (17 << 32); 2])
+        );
+        assert_eq!(extents(600, float, [0, u64::MAX]), None);
+        assert_eq!(extents(600, double, [u64::MAX / 25, 9]), None);
     }
 
     #[test]

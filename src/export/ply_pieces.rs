@@ -13,8 +13,8 @@ use rayon::prelude::*;
 
 use super::ExportError;
 use super::block_reader::read_blocks;
-use super::ply_decode::{Layout, add_faces, add_positions, kinds_by_code};
-use super::ply_layout::{FACE, vertex_bytes};
+use super::ply_decode::{Layout, add_faces, add_positions, add_sigmas, kinds_by_code};
+use super::ply_layout::FACE;
 use super::ply_read::{Start, material_comments, start};
 use super::read::ReadOptions;
 use crate::grid::{MaterialId, VertexKind};
@@ -33,6 +33,15 @@ pub struct PlyPieces {
     /// For each piece the first vertex that it or a later one names, and one more than the last that it or
     /// an earlier one names.
     windows: Vec<[u64; 2]>,
+}
+
+/// Vertices that a piece needs.
+#[derive(Debug, Clone, Default)]
+struct Held {
+    positions: Vec<DVec3>,
+    kinds: Vec<VertexKind>,
+    /// Empty if the file has none.
+    sigmas: Vec<f32>,
 }
 
 impl PlyPieces {
@@ -105,19 +114,20 @@ impl PlyPieces {
         &self,
         mut take: impl FnMut(&MeshPiece) -> Result<(), E>,
     ) -> Result<(), E> {
-        let (mut positions, mut kinds) = (Vec::new(), Vec::new());
+        let mut held = Held::default();
         let (mut first_vertex, mut first_triangle) = (0, 0);
         for (i, &[_, end]) in self.windows.iter().enumerate() {
-            self.read_vertices(first_vertex + positions.len() as u64, end, &mut positions, &mut kinds)?;
+            self.read_vertices(first_vertex + held.positions.len() as u64, end, &mut held)?;
             let next = self.windows.get(i + 1).map_or(self.layout.counts[0], |w| w[0]);
             let owned = (next - first_vertex) as usize;
-            let mesh = self.read_faces(first_triangle, first_vertex, positions.clone(), kinds.clone())?;
+            let mesh = self.read_faces(first_triangle, first_vertex, held.clone())?;
             let needed_later = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= owned);
             let triangles = mesh.triangles().len();
             let last = mesh.triangles().par_iter().position_first(needed_later).unwrap_or(triangles);
             take(&MeshPiece { mesh, owned, last_layer: [owned, last], first_vertex, first_triangle })?;
-            positions.drain(..owned);
-            kinds.drain(..owned);
+            held.positions.drain(..owned);
+            held.kinds.drain(..owned);
+            held.sigmas.drain(..owned.min(held.sigmas.len()));
             first_vertex = next;
             first_triangle += triangles as u64;
         }
@@ -143,32 +153,22 @@ impl PlyPieces {
         ExportError::malformed(&self.path, "PLY", what)
     }
 
-    fn read_vertices(
-        &self,
-        from: u64,
-        to: u64,
-        positions: &mut Vec<DVec3>,
-        kinds: &mut Vec<VertexKind>,
-    ) -> Result<(), ExportError> {
-        let size = vertex_bytes(self.layout.coordinates);
+    fn read_vertices(&self, from: u64, to: u64, held: &mut Held) -> Result<(), ExportError> {
+        let form = self.layout.form;
+        let size = form.bytes();
         let bytes = self.bytes(self.layout.offsets[0] + from * size as u64, (to - from) * size as u64)?;
-        add_positions(positions, &bytes, self.layout.coordinates);
+        add_positions(&mut held.positions, &bytes, form);
+        add_sigmas(&mut held.sigmas, &bytes, form);
         let by_code = kinds_by_code();
         for vertex in bytes.chunks_exact(size) {
-            let kind = by_code[usize::from(vertex[size - 1])];
-            kinds.push(kind.ok_or_else(|| self.bad("a vertex is of no known kind"))?);
+            let kind = by_code[usize::from(vertex[form.kind_at()])];
+            held.kinds.push(kind.ok_or_else(|| self.bad("a vertex is of no known kind"))?);
         }
         Ok(())
     }
 
     /// The mesh of the faces from `first` on with these vertices, which begin with vertex `offset`.
-    fn read_faces(
-        &self,
-        first: u64,
-        offset: u64,
-        positions: Vec<DVec3>,
-        kinds: Vec<VertexKind>,
-    ) -> Result<InterfaceMesh, ExportError> {
+    fn read_faces(&self, first: u64, offset: u64, vertices: Held) -> Result<InterfaceMesh, ExportError> {
         let count = (self.layout.counts[1] - first).min(FACES as u64);
         let bytes = self.bytes(self.layout.offsets[1] + first * FACE as u64, count * FACE as u64)?;
         let (mut triangles, mut pairs) = (Vec::new(), Vec::new());
@@ -178,7 +178,9 @@ impl PlyPieces {
         triangles
             .par_iter_mut()
             .for_each(|t: &mut [u32; 3]| *t = t.map(|v| u64::from(v).wrapping_sub(offset) as u32));
+        let Held { positions, kinds, sigmas } = vertices;
         InterfaceMesh::new(positions, kinds, triangles, pairs, self.materials.clone())
+            .and_then(|mesh| mesh.with_sigmas(sigmas))
             .map_err(|source| ExportError::Mesh { path: self.path.clone(), source })
     }
 }

@@ -18,11 +18,15 @@ use ply_rs_bw::ply::{
 
 use super::ExportError;
 use super::ply_decode::{self, Layout};
+use super::ply_layout::read_sigma;
 use super::read::{Labels, Raw, ReadOptions, bounded};
 use crate::grid::VertexKind;
 
 /// Longest header and longest ascii line: far beyond any in use, small against any memory.
 const MAX_HEADER: usize = 1 << 20;
+
+/// The vertex property with the standard deviation of its position.
+const SIGMA: &str = "sigma";
 
 /// Reads the PLY file that `file` was opened from, from its start.
 pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) -> Result<Raw, ExportError> {
@@ -45,10 +49,14 @@ pub(super) fn read(path: &Path, file: File, length: u64, options: &ReadOptions) 
             "vertex" => {
                 seen_vertex = true;
                 let (def, has_kind) = vertex_properties(element, options).map_err(&bad)?;
+                let has_sigma = has_scalar(element, SIGMA, false).map_err(&bad)?;
                 payload.each(&def, |v: Vertex| {
                     raw.positions.push(DVec3::from_array(v.position));
                     if has_kind {
                         raw.kinds.push(VertexKind::from_code(v.kind));
+                    }
+                    if has_sigma {
+                        raw.sigmas.push(read_sigma(v.sigma as f32));
                     }
                     Ok(())
                 })
@@ -222,6 +230,7 @@ fn vertex_properties(element: &ElementDef, options: &ReadOptions) -> Result<(Ele
         "x" => Some("x"),
         "y" => Some("y"),
         "z" => Some("z"),
+        SIGMA => Some(SIGMA),
         name if name == options.kind => Some("kind"),
         _ => None,
     });
@@ -343,11 +352,12 @@ impl PropertyAccess for Skipped {
 struct Vertex {
     position: [f64; 3],
     kind: u8,
+    sigma: f64,
 }
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: [f64::NAN; 3], kind: 0 }
+        Self { position: [f64::NAN; 3], kind: 0, sigma: f64::NAN }
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
@@ -357,6 +367,7 @@ impl PropertyAccess for Vertex {
             "y" => self.position[1] = value,
             "z" => self.position[2] = value,
             "kind" => self.kind = value as u8,
+            SIGMA => self.sigma = value,
             _ => return PropertyAccessResult::Ignored,
         }
         PropertyAccessResult::Set

@@ -8,16 +8,14 @@
 use std::io::{self, Read, Seek, Write};
 use std::path::Path;
 
-use glam::DVec3;
-
 use super::ExportError;
 use super::block_writer::BlockWriter;
-use super::ply_encode::{self, Pairs};
+use super::ply_encode::{self, Pairs, Vertices};
 use super::ply_layout::{MOST_VERTICES, PlyOptions, header};
 use super::staging::StagedFile;
 use crate::execution::Execution;
-use crate::grid::{MaterialId, Pair, VertexKind};
-use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
+use crate::grid::{MaterialId, Pair};
+use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece, ShellPiece};
 
 /// Elements in a block: about a megabyte.
 const BLOCK: usize = 1 << 16;
@@ -39,6 +37,8 @@ pub struct PlyStream {
     needed: u64,
     /// The counts in the end, if they were known in the beginning.
     known: Option<[u64; 2]>,
+    /// Whether vertices have a sigma, once that is known: the header waits for it.
+    sigma: Option<bool>,
 }
 
 /// The file of the vertices among those of the writer.
@@ -63,16 +63,14 @@ impl PlyStream {
         known: Option<[u64; 2]>,
     ) -> Result<Self, ExportError> {
         let failed = |e| ExportError::writing(path, e);
-        let (staged, mut file) = StagedFile::create(path)?;
-        let head = header(materials, options, known.unwrap_or_default()).map_err(failed)?;
-        file.write_all(&head).map_err(failed)?;
+        let (staged, file) = StagedFile::create(path)?;
         let mut files = vec![file];
         if known.is_none() {
             files.push(staged.scratch()?);
         }
         let writer = BlockWriter::start(files).map_err(failed)?;
         let materials = materials.to_vec();
-        Ok(Self { writer, staged, options, materials, counts: [0; 2], needed: 0, known })
+        Ok(Self { writer, staged, options, materials, counts: [0; 2], needed: 0, known, sigma: None })
     }
 
     /// Adds the next piece: its own vertices, and its triangles.
@@ -90,7 +88,7 @@ impl PlyStream {
             )));
         }
         self.room(first_vertex.saturating_add(mesh.positions().len() as u64))?;
-        self.vertices(&mesh.positions()[..*owned], &mesh.kinds()[..*owned])?;
+        self.vertices(Vertices::of(mesh, *owned))?;
         // It fits: all of the piece's vertices were found to.
         let offset = *first_vertex as u32;
         self.needed = self.needed.max(first_vertex + mesh.positions().len() as u64);
@@ -102,7 +100,7 @@ impl PlyStream {
     /// # Errors
     /// [`ExportError`] naming the file; [`ExportError::Pieces`] if the last piece still had a seam,
     /// [`ExportError::Cancelled`] if the execution was.
-    pub fn finish(self, execution: &Execution) -> Result<(), ExportError> {
+    pub fn finish(mut self, execution: &Execution) -> Result<(), ExportError> {
         if self.needed > self.counts[0] {
             let (needed, there) = (self.needed, self.counts[0]);
             return Err(self.wrong(format!("faces need {needed} vertices, but there are {there}")));
@@ -110,6 +108,7 @@ impl PlyStream {
         if self.known.is_some_and(|known| known != self.counts) {
             return Err(self.wrong("not as many vertices and faces as were promised".to_owned()));
         }
+        let sigma = self.begun(false)?;
         let Self { writer, staged, options, materials, counts, known, .. } = self;
         let failed = |e| ExportError::writing(staged.target(), e);
         let mut files = writer.finish().map_err(failed)?.into_iter();
@@ -124,7 +123,7 @@ impl PlyStream {
         }
         if known.is_none() {
             file.rewind().map_err(failed)?;
-            file.write_all(&header(&materials, options, counts).map_err(failed)?).map_err(failed)?;
+            file.write_all(&header(&materials, options, sigma, counts).map_err(failed)?).map_err(failed)?;
         }
         execution.check()?;
         staged.commit(file)
@@ -155,18 +154,44 @@ impl PlyStream {
         sent.map_err(|e| ExportError::writing(self.staged.target(), e))
     }
 
-    fn vertices(&mut self, positions: &[DVec3], kinds: &[VertexKind]) -> Result<(), ExportError> {
-        let options = self.options;
-        for (positions, kinds) in positions.chunks(BLOCK).zip(kinds.chunks(BLOCK)) {
-            self.send(VERTICES, |bytes| ply_encode::vertices(bytes, positions, kinds, options))?;
+    /// Begins the file, if it has not been: with a sigma for each vertex or without. Returns which.
+    fn begun(&mut self, sigma: bool) -> Result<bool, ExportError> {
+        if let Some(sigma) = self.sigma {
+            return Ok(sigma);
         }
-        self.counts[0] += positions.len() as u64;
+        self.sigma = Some(sigma);
+        let counts = self.known.unwrap_or_default();
+        let head = header(&self.materials, self.options, sigma, counts);
+        let head = head.map_err(|e| ExportError::writing(self.staged.target(), e))?;
+        self.send(VERTICES, |bytes| {
+            *bytes = head;
+            Ok(())
+        })?;
+        Ok(sigma)
+    }
+
+    fn vertices(&mut self, all: Vertices<'_>) -> Result<(), ExportError> {
+        // A piece without vertices does not know whether others have sigmas.
+        if all.positions.is_empty() {
+            return Ok(());
+        }
+        if self.begun(all.sigmas.is_some())? != all.sigmas.is_some() {
+            return Err(self.wrong("some of the vertices with a sigma and some without".to_owned()));
+        }
+        let options = self.options;
+        for part in all.chunks(BLOCK) {
+            self.send(VERTICES, |bytes| ply_encode::vertices(bytes, part, options))?;
+        }
+        self.counts[0] += all.positions.len() as u64;
         Ok(())
     }
 
     fn faces(&mut self, triangles: &[[u32; 3]], offset: u32, pairs: Pairs<'_>) -> Result<(), ExportError> {
         let options = self.options;
         let file = if self.known.is_some() { VERTICES } else { SCRATCH };
+        if file == VERTICES {
+            self.begun(false)?;
+        }
         for (k, triangles) in triangles.chunks(BLOCK).enumerate() {
             let pairs = pairs.from(k * BLOCK);
             self.send(file, |bytes| ply_encode::faces(bytes, triangles, offset, pairs, options))?;
@@ -184,7 +209,7 @@ pub fn write_ply(path: &Path, mesh: &InterfaceMesh, options: PlyOptions) -> Resu
     let counts = [mesh.positions().len() as u64, mesh.triangles().len() as u64];
     let mut out = PlyStream::begin(path, mesh.materials(), options, Some(counts))?;
     out.room(counts[0])?;
-    out.vertices(mesh.positions(), mesh.kinds())?;
+    out.vertices(Vertices::of(mesh, mesh.positions().len()))?;
     out.faces(mesh.triangles(), 0, Pairs::Each(mesh.pairs()))?;
     out.finish(&Execution::default())
 }
@@ -218,26 +243,25 @@ impl ShellPlyStream {
         Ok(Self { stream: PlyStream::create(path, &shown, options)?, pair })
     }
 
-    /// Adds vertices with a kind each (world, mm; they are numbered in the order in which they come) and
-    /// triangles in these numbers, counter-clockwise seen from outside the material. A
+    /// Adds vertices (they are numbered in the order in which they come) and triangles in these numbers. A
     /// triangle may name a vertex that comes later.
     ///
     /// # Errors
-    /// As [`PlyStream::add`]; [`ExportError::Pieces`] if there is not one kind for each vertex.
-    pub fn add(
-        &mut self,
-        positions: &[DVec3],
-        kinds: &[VertexKind],
-        triangles: &[[u32; 3]],
-    ) -> Result<(), ExportError> {
+    /// As [`PlyStream::add`]; [`ExportError::Pieces`] if there is not one kind for each vertex, or sigmas for some only.
+    pub fn add(&mut self, piece: &ShellPiece) -> Result<(), ExportError> {
         let stream = &mut self.stream;
+        let ShellPiece { positions, kinds, sigmas, triangles } = piece;
         if positions.len() != kinds.len() {
             return Err(stream.wrong(format!("{} vertices with {} kinds", positions.len(), kinds.len())));
         }
+        if !sigmas.is_empty() && sigmas.len() != positions.len() {
+            return Err(stream.wrong(format!("{} vertices with {} sigmas", positions.len(), sigmas.len())));
+        }
+        let sigmas = (!sigmas.is_empty()).then_some(sigmas.as_slice());
         let needed = triangles.iter().flatten().max().map_or(0, |&v| u64::from(v) + 1);
         stream.room(needed.max(stream.counts[0].saturating_add(positions.len() as u64)))?;
         stream.needed = stream.needed.max(needed);
-        stream.vertices(positions, kinds)?;
+        stream.vertices(Vertices { positions, kinds, sigmas })?;
         stream.faces(triangles, 0, Pairs::All(self.pair))
     }
 

@@ -1,5 +1,6 @@
 //! Tests of the PLY writers, with the reader.
 
+use glam::DVec3;
 use proptest::prelude::*;
 
 use super::*;
@@ -20,10 +21,17 @@ fn sample(offset: f64, step: f64) -> InterfaceMesh {
     InterfaceMesh::new(p, kinds, t, pairs, materials).unwrap()
 }
 
+/// The same with sigmas, of which some are unknown.
+fn known(mesh: &InterfaceMesh) -> InterfaceMesh {
+    let sigma = |i: usize| if i % 5 == 3 { f32::NAN } else { 0.1 / (i + 1) as f32 };
+    mesh.clone().with_sigmas((0..mesh.positions().len()).map(sigma).collect()).unwrap()
+}
+
 /// A mesh whose triangles and vertices are in the order of layers, cut after the given shares of its
 /// triangles, as a run over slabs would leave it.
 pub(crate) fn pieces(mesh: &InterfaceMesh, cuts: &[usize]) -> Vec<MeshPiece> {
     let (p, t, pairs) = parts(mesh);
+    let sigmas = mesh.sigmas();
     let mut bounds: Vec<usize> = cuts.iter().map(|c| c % (t.len() + 1)).collect();
     bounds.extend([0, t.len()]);
     bounds.sort_unstable();
@@ -46,7 +54,8 @@ pub(crate) fn pieces(mesh: &InterfaceMesh, cuts: &[usize]) -> Vec<MeshPiece> {
                 pairs[start..end].to_vec(),
                 mesh.materials().to_vec(),
             );
-            let mesh = mesh.unwrap();
+            let sigmas = sigmas.map_or(Vec::new(), |sigmas| sigmas[first..top].to_vec());
+            let mesh = mesh.unwrap().with_sigmas(sigmas).unwrap();
             MeshPiece {
                 last_layer: [next - first, 0],
                 owned: next - first,
@@ -72,6 +81,14 @@ fn every_encoding_reads_back_the_same() {
             assert!(head.contains(&format!("property {word} x\n")), "{head}");
             assert!(head.contains("comment unit mm\n"));
             assert!(head.contains("comment material 2 stainless steel, 1.4301 100\n"));
+            assert!(!head.contains("sigma"));
+            assert_eq!(read_mesh(&path, &ReadOptions::default()).unwrap(), m);
+            let m = known(&m);
+            write_ply(&path, &m, PlyOptions { encoding, ..PlyOptions::for_mesh(&m, step) }).unwrap();
+            let text = std::fs::read(&path).unwrap();
+            assert!(
+                String::from_utf8_lossy(&text[..600]).contains("property uchar kind\nproperty float sigma\n")
+            );
             assert_eq!(read_mesh(&path, &ReadOptions::default()).unwrap(), m);
         }
     }
@@ -99,8 +116,10 @@ proptest! {
         labels in prop::collection::vec(0u8..4, 24),
         cuts in prop::collection::vec(0usize..500, 0..6),
         double: bool,
+        sigmas: bool,
     ) {
         let mesh = voxel_faces([3, 2, 4], &labels, 255);
+        let mesh = if sigmas { known(&mesh) } else { mesh };
         let folder = tempfile::tempdir().unwrap();
         let [whole, cut] = ["whole.ply", "cut.ply"].map(|name| folder.path().join(name));
         let coordinates = if double { Coordinates::Double } else { Coordinates::Float };
@@ -150,17 +169,24 @@ fn pieces_that_do_not_follow_each_other_are_refused_and_leave_nothing() {
 fn a_shell_in_portions_is_the_shell_as_a_mesh() {
     let folder = tempfile::tempdir().unwrap();
     let [whole, cut] = ["whole.ply", "cut.ply"].map(|name| folder.path().join(name));
-    let mesh = sample(0.0, 1.0);
+    let mesh = known(&sample(0.0, 1.0));
     let (id, options) = (MaterialId(2), PlyOptions::default());
     let shell = split(&mesh, id);
     let as_mesh = shell.to_mesh(&mesh, id).unwrap();
     write_ply(&whole, &as_mesh, options).unwrap();
     let mut out = ShellPlyStream::create(&cut, mesh.materials(), id, options).unwrap();
-    let (positions, kinds) = (as_mesh.positions(), as_mesh.kinds());
+    let n = as_mesh.positions().len();
+    let portion = |vertices: std::ops::Range<usize>, triangles: &[[u32; 3]]| ShellPiece {
+        positions: as_mesh.positions()[vertices.clone()].to_vec(),
+        kinds: as_mesh.kinds()[vertices.clone()].to_vec(),
+        sigmas: as_mesh.sigmas().unwrap()[vertices].to_vec(),
+        triangles: triangles.to_vec(),
+    };
     // The first triangle names vertices that come with the second portion.
-    out.add(&positions[..1], &kinds[..1], &shell.triangles[..1]).unwrap();
-    assert!(out.add(&positions[1..], &kinds[..1], &[]).is_err());
-    out.add(&positions[1..], &kinds[1..], &shell.triangles[1..]).unwrap();
+    out.add(&portion(0..1, &shell.triangles[..1])).unwrap();
+    assert!(out.add(&ShellPiece { kinds: Vec::new(), ..portion(1..n, &[]) }).is_err());
+    assert!(out.add(&ShellPiece { sigmas: Vec::new(), ..portion(1..n, &[]) }).is_err());
+    out.add(&portion(1..n, &shell.triangles[1..])).unwrap();
     out.finish(&Execution::default()).unwrap();
     assert!(std::fs::read(&whole).unwrap() == std::fs::read(&cut).unwrap());
     let air = ShellPlyStream::create(&cut, mesh.materials(), MaterialId::BACKGROUND, options);
@@ -171,7 +197,7 @@ fn a_shell_in_portions_is_the_shell_as_a_mesh() {
 fn a_file_comes_back_in_pieces_that_make_it_again() {
     let folder = tempfile::tempdir().unwrap();
     let [whole, again] = ["whole.ply", "again.ply"].map(|name| folder.path().join(name));
-    let mesh = sample(0.25, 0.1);
+    let mesh = known(&sample(0.25, 0.1));
     let options = PlyOptions { coordinates: Coordinates::Double, ..PlyOptions::default() };
     write_ply(&whole, &mesh, options).unwrap();
     let pieces = PlyPieces::open(&whole, &ReadOptions::default()).unwrap();
@@ -236,7 +262,7 @@ fn faces_beyond_four_gibibytes_are_found() {
 
     let (vertices, faces) = (350_000_000, 2);
     let mut file = tempfile::tempfile().unwrap();
-    let head = header(&materials(), PlyOptions::default(), [vertices, faces]).unwrap();
+    let head = header(&materials(), PlyOptions::default(), false, [vertices, faces]).unwrap();
     file.write_all(&head).unwrap();
     file.set_len(head.len() as u64 + 13 * vertices + 15 * faces).unwrap();
     file.rewind().unwrap();

@@ -77,6 +77,8 @@ pub(super) struct Raw {
     pub(super) positions: Vec<DVec3>,
     /// One per vertex, or empty if the file has none.
     pub(super) kinds: Vec<Option<VertexKind>>,
+    /// One per vertex, or empty if the file has none.
+    pub(super) sigmas: Vec<f32>,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) labels: Labels,
     /// Id, name, mean.
@@ -162,6 +164,7 @@ impl Raw {
             kinds
         };
         InterfaceMesh::new(self.positions, kinds, self.triangles, pairs, materials)
+            .and_then(|mesh| mesh.with_sigmas(self.sigmas))
             .map_err(|source| ExportError::Mesh { path: path.to_owned(), source })
     }
 }

@@ -149,7 +149,10 @@ fn in_order(loose: Loose, rng: &mut impl Rng) -> Layered {
         materials(),
     )
     .unwrap();
-    Layered { mesh, firsts }
+    // Known in every other mesh; every seventh is zero.
+    let known = if rng.random_bool(0.5) { vertices.len() } else { 0 };
+    let sigmas = vertices[..known].iter().map(|v| (v % 7) as f32 * 0.01).collect();
+    Layered { mesh: mesh.with_sigmas(sigmas).unwrap(), firsts }
 }
 
 impl Layered {
@@ -175,6 +178,8 @@ impl Layered {
             m.pairs()[t..t_end].to_vec(),
             m.materials().to_vec(),
         )
+        .unwrap()
+        .with_sigmas(m.sigmas().map_or(Vec::new(), |s| s[v..top].to_vec()))
         .unwrap();
         MeshPiece {
             mesh,

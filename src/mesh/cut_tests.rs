@@ -45,16 +45,20 @@ proptest! {
             let mut splitter = ShellSplitter::new(id);
             let mut all = ShellPiece::default();
             for piece in &pieces {
-                let ShellPiece { positions, kinds, triangles } = splitter.add(piece);
+                let ShellPiece { positions, kinds, sigmas, triangles } = splitter.add(piece);
                 all.positions.extend(positions);
                 all.kinds.extend(kinds);
+                all.sigmas.extend(sigmas);
                 all.triangles.extend(triangles);
                 prop_assert!(all.triangles.iter().flatten().all(|&v| (v as usize) < all.positions.len()));
             }
             prop_assert_eq!(splitter.vertices(), whole.positions.len() as u64);
             prop_assert_eq!(splitter.triangles(), whole.triangles.len() as u64);
             let kinds: Vec<_> = whole.vertices.iter().map(|&v| layered.mesh.kinds()[v as usize]).collect();
-            prop_assert_eq!(&all, &ShellPiece { positions: whole.positions, kinds, triangles: whole.triangles });
+            let all_sigmas = layered.mesh.sigmas();
+            let sigmas = whole.vertices.iter().filter_map(|&v| Some(all_sigmas?[v as usize])).collect();
+            let whole = ShellPiece { positions: whole.positions, kinds, sigmas, triangles: whole.triangles };
+            prop_assert_eq!(&all, &whole);
         }
     }
 }

@@ -30,13 +30,15 @@ impl InterfaceMesh {
         geometry: &Geometry,
         materials: Vec<MeshMaterial>,
     ) -> Result<Self, MeshError> {
-        let Patch { positions, kinds, mut triangles, pairs } = patch;
+        let Patch { positions, kinds, mut sigmas, mut triangles, pairs } = patch;
         let positions: Vec<DVec3> =
             positions.par_iter().map(|p| geometry.world(DVec3::from(p.map(f64::from)))).collect();
         if geometry.is_mirrored() {
             triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
         }
-        Self::new(positions, kinds, triangles, pairs, materials)
+        let edge = geometry.voxel_edge() as f32;
+        sigmas.par_iter_mut().for_each(|s| *s *= edge);
+        Self::new(positions, kinds, triangles, pairs, materials)?.with_sigmas(sigmas)
     }
 }
 
@@ -46,8 +48,8 @@ impl InterfaceMesh {
     /// # Errors
     /// As [`InterfaceMesh::new`]; a surface made by contouring gives none.
     pub fn from_dual(surface: DualSurface, materials: Vec<MeshMaterial>) -> Result<Self, MeshError> {
-        let DualSurface { positions, kinds, triangles, pairs, .. } = surface;
-        Self::new(positions, kinds, triangles, pairs, materials)
+        let DualSurface { positions, kinds, sigmas, triangles, pairs, .. } = surface;
+        Self::new(positions, kinds, triangles, pairs, materials)?.with_sigmas(sigmas)
     }
 }
 

@@ -4,6 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::contour::same_sigmas;
 use crate::grid::{MaterialId, Pair, VertexKind};
 
 /// Why arrays do not make a mesh.
@@ -79,13 +80,36 @@ pub struct MeshMaterial {
 /// their front; their normals point from `back` to `front`. Made only through
 /// [`InterfaceMesh::new`], which refuses bad indices and unknown materials; everything else that
 /// can be wrong with a mesh is found by the mesh check.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct InterfaceMesh {
     positions: Vec<DVec3>,
     kinds: Vec<VertexKind>,
+    /// Empty if none are known.
+    sigmas: Vec<f32>,
     triangles: Vec<[u32; 3]>,
     pairs: Vec<Pair>,
     materials: Vec<MeshMaterial>,
+}
+
+/// The lists of a mesh, to put it together with others.
+pub(super) struct Parts {
+    pub(super) positions: Vec<DVec3>,
+    pub(super) kinds: Vec<VertexKind>,
+    pub(super) sigmas: Vec<f32>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) pairs: Vec<Pair>,
+}
+
+impl PartialEq for InterfaceMesh {
+    /// Sigmas are compared by their bits: unknown ones are equal.
+    fn eq(&self, other: &Self) -> bool {
+        self.positions == other.positions
+            && self.kinds == other.kinds
+            && same_sigmas(&self.sigmas, &other.sigmas)
+            && self.triangles == other.triangles
+            && self.pairs == other.pairs
+            && self.materials == other.materials
+    }
 }
 
 impl InterfaceMesh {
@@ -134,13 +158,33 @@ impl InterfaceMesh {
                 }
             }
         }
-        Ok(Self { positions, kinds, triangles, pairs, materials })
+        Ok(Self { positions, kinds, sigmas: Vec::new(), triangles, pairs, materials })
     }
 
-    /// Positions, kinds, triangles and pairs.
+    /// The same mesh with the standard deviation of each vertex's position along the normal of the surface there, mm; NaN
+    /// where it is unknown. None are known if there are no `sigmas`.
+    ///
+    /// # Errors
+    /// [`MeshError::Length`] if there are some, but not one for each vertex.
+    pub fn with_sigmas(self, sigmas: Vec<f32>) -> Result<Self, MeshError> {
+        let (got, needed) = (sigmas.len(), self.positions.len());
+        if got != 0 && got != needed {
+            return Err(MeshError::Length { what: "vertex sigmas", got, needed });
+        }
+        Ok(Self { sigmas, ..self })
+    }
+
+    /// All but the materials.
+    pub(super) fn into_parts(self) -> Parts {
+        let Self { positions, kinds, sigmas, triangles, pairs, .. } = self;
+        Parts { positions, kinds, sigmas, triangles, pairs }
+    }
+
+    /// The standard deviation of each vertex's position along the normal of the surface there, mm; NaN where it is
+    /// unknown. `None` if none is known.
     #[must_use]
-    pub(super) fn into_parts(self) -> (Vec<DVec3>, Vec<VertexKind>, Vec<[u32; 3]>, Vec<Pair>) {
-        (self.positions, self.kinds, self.triangles, self.pairs)
+    pub fn sigmas(&self) -> Option<&[f32]> {
+        (!self.sigmas.is_empty()).then_some(&self.sigmas)
     }
 
     /// Vertex positions in the world, mm.

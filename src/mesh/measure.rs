@@ -14,6 +14,7 @@ use super::InterfaceMesh;
 use super::check::has_shell;
 use super::components::{Components, ShellPieces};
 use super::in_chunks::{InChunks, Sum};
+use super::sigmas::{SigmaMeasure, Sigmas};
 use super::tables::Tables;
 use super::window::Window;
 use crate::grid::{MaterialId, Pair};
@@ -27,6 +28,9 @@ pub struct PairMeasure {
     pub triangles: u64,
     /// Area, mm².
     pub area: f64,
+    /// How well its vertices are known, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<SigmaMeasure>,
 }
 
 /// One material's shell.
@@ -96,6 +100,7 @@ pub(crate) struct Measurer {
     origins: Origins,
     sums: InChunks<Sums>,
     components: Components,
+    sigmas: Sigmas,
 }
 
 impl Measurer {
@@ -106,6 +111,7 @@ impl Measurer {
         self.origins.add(window);
         self.sums.add(window, &self.origins);
         self.components.add(window, tables);
+        self.sigmas.add(window, tables);
     }
 
     /// The measures of all windows.
@@ -115,7 +121,12 @@ impl Measurer {
             pairs.into_iter().map(|(pair, count, area)| (pair, (count, area))).collect();
         let pairs: Vec<PairMeasure> = pairs
             .into_iter()
-            .map(|(pair, (triangles, area))| PairMeasure { pair, triangles, area })
+            .map(|(pair, (triangles, area))| PairMeasure {
+                pair,
+                triangles,
+                area,
+                sigma: self.sigmas.of(pair),
+            })
             .collect();
         let volume = |id: MaterialId| volumes.iter().find(|v| v.0 == id).map_or(0.0, |v| v.1 / 6.0);
         let shell = |(material, found): (MaterialId, ShellPieces)| {

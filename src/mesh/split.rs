@@ -61,7 +61,10 @@ impl Shell {
         let pairs = pair.map_or_else(Vec::new, |pair| vec![pair; self.triangles.len()]);
         let wanted = |id: MaterialId| id == material || id == MaterialId::BACKGROUND;
         let materials = mesh.materials().iter().filter(|m| wanted(m.id)).cloned().collect();
-        InterfaceMesh::new(self.positions.clone(), kinds, self.triangles.clone(), pairs, materials)
+        let sigmas = mesh.sigmas().unwrap_or_default();
+        let sigmas = self.vertices.iter().filter_map(|&v| sigmas.get(v as usize).copied()).collect();
+        InterfaceMesh::new(self.positions.clone(), kinds, self.triangles.clone(), pairs, materials)?
+            .with_sigmas(sigmas)
     }
 }
 

@@ -14,6 +14,8 @@ pub struct ShellPiece {
     pub positions: Vec<DVec3>,
     /// Their kinds in the mesh.
     pub kinds: Vec<VertexKind>,
+    /// Their sigmas in the mesh, mm; empty if none are known.
+    pub sigmas: Vec<f32>,
     /// The triangles it adds, counter-clockwise seen from outside the material. Vertices are numbered over
     /// all pieces; every one named has come with this piece or an earlier one.
     pub triangles: Vec<[u32; 3]>,
@@ -94,6 +96,7 @@ impl ShellSplitter {
             number[v] = (self.done[0] + out.positions.len() as u64) as u32;
             out.positions.push(mesh.positions()[v]);
             out.kinds.push(mesh.kinds()[v]);
+            out.sigmas.extend(mesh.sigmas().map(|sigmas| sigmas[v]));
         }
         let place = |v: u32| match number.get(v as usize) {
             Some(&number) => Corner::Known(number),

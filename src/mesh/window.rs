@@ -10,6 +10,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::{InterfaceMesh, MeshPiece};
+use crate::contour::append_sigmas;
 use crate::grid::{Pair, VertexKind};
 
 /// A view of part of a mesh; see the module header.
@@ -17,6 +18,7 @@ use crate::grid::{Pair, VertexKind};
 pub(crate) struct Window<'a> {
     positions: &'a [DVec3],
     kinds: &'a [VertexKind],
+    sigmas: &'a [f32],
     triangles: &'a [[u32; 3]],
     pairs: &'a [Pair],
     /// The numbers of vertex 0 and triangle 0 in the whole mesh.
@@ -37,6 +39,7 @@ impl<'a> Window<'a> {
         Self {
             positions: mesh.positions(),
             kinds: mesh.kinds(),
+            sigmas: mesh.sigmas().unwrap_or_default(),
             triangles: mesh.triangles(),
             pairs: mesh.pairs(),
             first,
@@ -53,6 +56,11 @@ impl<'a> Window<'a> {
     /// What each vertex is.
     pub(crate) fn kinds(&self) -> &'a [VertexKind] {
         self.kinds
+    }
+
+    /// Standard deviation of each vertex's position, mm; empty if none are known.
+    pub(crate) fn sigmas(&self) -> &'a [f32] {
+        self.sigmas
     }
 
     /// Local vertex numbers of each triangle.
@@ -101,6 +109,7 @@ impl<'a> Window<'a> {
 pub(crate) struct Carry {
     positions: Vec<DVec3>,
     kinds: Vec<VertexKind>,
+    sigmas: Vec<f32>,
     triangles: Vec<[u32; 3]>,
     pairs: Vec<Pair>,
 }
@@ -121,6 +130,7 @@ impl Carry {
             Window {
                 positions: &self.positions,
                 kinds: &self.kinds,
+                sigmas: &self.sigmas,
                 triangles: &self.triangles,
                 pairs: &self.pairs,
                 first: std::array::from_fn(|i| first[i].saturating_sub(own[i] as u64)),
@@ -136,6 +146,8 @@ impl Carry {
     fn append(&mut self, mesh: &InterfaceMesh) {
         let offset = self.positions.len() as u32;
         self.positions.extend_from_slice(mesh.positions());
+        let sigmas = mesh.sigmas().unwrap_or_default();
+        append_sigmas(&mut self.sigmas, self.kinds.len(), sigmas, mesh.kinds().len());
         self.kinds.extend_from_slice(mesh.kinds());
         self.triangles.extend(mesh.triangles().iter().map(|t| t.map(|v| v + offset)));
         self.pairs.extend_from_slice(mesh.pairs());
@@ -150,10 +162,12 @@ impl Carry {
         let v = used.unwrap_or(owned).min(piece.last_layer[0]).min(owned);
         self.positions.clear();
         self.kinds.clear();
+        self.sigmas.clear();
         self.triangles.clear();
         self.pairs.clear();
         self.positions.extend_from_slice(&mesh.positions()[v..owned]);
         self.kinds.extend_from_slice(&mesh.kinds()[v..owned]);
+        self.sigmas.extend_from_slice(mesh.sigmas().map_or(&[], |sigmas| &sigmas[v..owned]));
         self.triangles.extend(mesh.triangles()[t..].iter().map(|tri| tri.map(|w| w - v as u32)));
         self.pairs.extend_from_slice(&mesh.pairs()[t..]);
     }

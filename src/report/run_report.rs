@@ -10,7 +10,7 @@ use crate::contour::dual::Statistics;
 use crate::execution::CostLog;
 use crate::grid::{Geometry, MaterialId, VertexKind};
 use crate::material::{Blur, EdgeProfile, Material, MaterialTable, Noise, Rejected};
-use crate::mesh::{Defects, Junctions, MeshReport, Quality};
+use crate::mesh::{Defects, Junctions, MeshReport, Quality, SigmaMeasure};
 use crate::pipeline::{DenoiseFound, Findings, IsoFound, KEPT_SHARE, PipelineOptions};
 
 /// The report of a run; lengths in mm, areas in mm², volumes in mm³.
@@ -128,6 +128,9 @@ pub struct PairReport {
     pub triangles: u64,
     /// Its area.
     pub area: f64,
+    /// Standard deviations of its vertices' positions, mm, if they are known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<SigmaMeasure>,
 }
 
 /// The non-manifold edge report.
@@ -196,6 +199,7 @@ impl RunReport {
             front: name(table, p.pair.front()),
             triangles: p.triangles,
             area: p.area,
+            sigma: p.sigma,
         });
         let unexpected = match options.border {
             Border::Closed => mesh.defects.total(),

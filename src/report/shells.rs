@@ -82,7 +82,7 @@ impl<'a> ShellFiles<'a> {
             self.files = Some((ply, stl));
         }
         if let Some((ply, stl)) = &mut self.files {
-            ply.add(&part.positions, &part.kinds, &part.triangles)?;
+            ply.add(&part)?;
             stl.add(outward.len(), |i| outward[i].map(|v| mesh.positions()[v as usize]))?;
         }
         Ok(())

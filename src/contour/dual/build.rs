@@ -9,9 +9,12 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::knots::{OddCell, knots};
-use super::leaves::{Cap, Crossing, Leaves, NONE, Root, flag, margined, pack_weight, ring_edge, ring_offset};
+use super::leaves::{
+    Cap, Crossing, Leaves, NONE, Root, flag, margined, pack_sigma, pack_weight, ring_edge, ring_offset,
+};
 use super::roots::{RootGrid, SIDE, morton, place};
 use crate::classify::LabelVolume;
+use crate::contour::crossing::Midpoints;
 use crate::contour::error::ContourError;
 use crate::contour::hermite::{Hermite, HermiteRule};
 use crate::contour::marching::{self, Cell};
@@ -36,6 +39,7 @@ struct FoundCell {
 #[derive(Debug, Clone, Copy)]
 struct FoundCrossing {
     hermite: Hermite,
+    sigma: f32,
     labels: [MaterialId; 2],
     axis: u8,
 }
@@ -96,6 +100,8 @@ pub struct Builder {
     foreign: Vec<(u32, u32)>,
     /// Cells that are not simple.
     odd: Vec<OddCell>,
+    /// Whether the rule of the first layers knows sigmas. That of all others is the same kind of rule.
+    has_sigmas: bool,
 }
 
 impl Builder {
@@ -109,6 +115,7 @@ impl Builder {
             places: Vec::new(),
             flags: Vec::new(),
             crossings: Vec::new(),
+            sigmas: Vec::new(),
             foreign: Vec::new(),
             caps: Vec::new(),
             knots: Vec::new(),
@@ -122,6 +129,7 @@ impl Builder {
             below: Vec::new(),
             foreign: Vec::new(),
             odd: Vec::new(),
+            has_sigmas: false,
         }
     }
 
@@ -148,6 +156,9 @@ impl Builder {
         stage: &Stage<'_>,
     ) -> Result<(), ContourError> {
         assert_eq!(layers.start, self.next_layer, "layers come in order");
+        if layers.start == 0 {
+            self.has_sigmas = rule.has_sigmas();
+        }
         let mut start = layers.start;
         while start < layers.end {
             let end = (start / SIDE * SIDE + SIDE).min(layers.end);
@@ -176,7 +187,8 @@ impl Builder {
     ) -> Result<Vec<FoundLayer>, ContourError> {
         let mut out = Vec::with_capacity(layers.len());
         let grid = &self.leaves.grid;
-        marching::walk(labels, Border::Closed, layers, execution, stage, |layer| {
+        // No kinks: QEFs find sharp edges by themselves.
+        marching::walk(labels, &Midpoints, Border::Closed, layers, execution, stage, |layer| {
             let z = layer.z();
             let mut found = FoundLayer::default();
             layer.visit(labels, rule, self.table, |[x, y], corners, entry| {
@@ -259,6 +271,9 @@ impl Builder {
                     axis: c.axis,
                     weight: pack_weight(c.hermite.weight),
                 }));
+                if self.has_sigmas {
+                    leaves.sigmas.extend(own.iter().map(|c| pack_sigma(c.sigma)));
+                }
             }
             done += count;
             leaves.roots[root].crossings.end = leaves.crossings.len() as u32;
@@ -299,12 +314,12 @@ impl Builder {
 
 /// Hermite data of a crossing; at the border it lies across the edge.
 fn crossing(rule: &dyn HermiteRule, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> FoundCrossing {
-    let hermite = if labels.contains(&MaterialId::OUTSIDE) {
-        Hermite { position: 0.5, normal: Vec3::AXES[axis], weight: 1.0 }
+    let (hermite, sigma) = if labels.contains(&MaterialId::OUTSIDE) {
+        (Hermite { position: 0.5, normal: Vec3::AXES[axis], weight: 1.0 }, f32::NAN)
     } else {
-        rule.hermite(from, axis, labels)
+        (rule.hermite(from, axis, labels), rule.sigma(from, axis, labels))
     };
-    FoundCrossing { hermite, labels, axis: axis as u8 }
+    FoundCrossing { hermite, sigma, labels, axis: axis as u8 }
 }
 
 /// Adds the leaves of a cell.

@@ -135,7 +135,7 @@ pub(super) fn merge(
     options: &MergeOptions,
     execution: &Execution,
 ) -> Result<Merged, Cancelled> {
-    let Triangles { positions, on_border, triangles, pairs, crossings } = made;
+    let Triangles { positions, on_border, triangles, pairs, crossings, .. } = made;
     let n = positions.len();
     let normal = |t: &[u32; 3]| cross(t.map(|v| positions[v as usize])).normalize_or_zero().as_vec3();
     let mut state = State {

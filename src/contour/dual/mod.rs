@@ -23,6 +23,7 @@ mod qef;
 mod relax;
 mod remedy;
 mod roots;
+mod sigmas;
 mod surface;
 mod topology;
 mod vertices;

@@ -12,6 +12,7 @@ use super::choices::Choices;
 use super::forest::Forest;
 use super::leaves::{Crossing, Knot, NONE, Pass};
 use super::placement::World;
+use super::sigmas::worst_sigma;
 use super::vertices::Vertices;
 use crate::contour::marching::pair_of;
 use crate::contour::patch::Border;
@@ -28,6 +29,8 @@ pub(super) struct Triangles {
     pub(super) pairs: Vec<Pair>,
     /// The crossing of each triangle's polygon; [`NONE`] for one that ties a cap to its sheet.
     pub(super) crossings: Vec<u32>,
+    /// Sigmas of the vertices beside those of leaves and nodes, voxels; empty if none are known.
+    pub(super) extra_sigmas: Vec<f32>,
 }
 
 /// Vertices beside those of leaves and nodes.
@@ -180,6 +183,7 @@ fn extra<'a>(
         (0..3).for_each(|a| at[a] = fixed[a].unwrap_or(at[a]));
         out.positions.push(world.place(leaves.roots[root].number, at));
         out.on_border.push(both != 0);
+        out.extra_sigmas.extend(worst_sigma(leaves, knot.passes.iter().map(|pass| pass.0)));
     }
     passes.sort_unstable();
     let mut centres: Vec<u32> =
@@ -193,6 +197,7 @@ fn extra<'a>(
         let root = &leaves.roots[leaves.root_of_crossing(c)];
         out.positions.push(world.place(root.number, crossing.at(&leaves.grid, [0; 3])));
         out.on_border.push(crossing.labels.contains(&MaterialId::OUTSIDE));
+        out.extra_sigmas.extend(worst_sigma(leaves, [c]));
     }
     Extra { passes, centres, first_centre, of_knot, choices }
 }

@@ -16,6 +16,7 @@ use super::placement::World;
 use super::polygons::Triangles;
 use super::qef::Placement;
 use super::remedy::{Making, Remedy, mend};
+use super::sigmas;
 use super::vertices::Vertices;
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
@@ -89,6 +90,9 @@ pub struct DualSurface {
     pub positions: Vec<DVec3>,
     /// What each vertex is.
     pub kinds: Vec<VertexKind>,
+    /// Standard deviation of each vertex's position along the normal of the surface, mm; NaN where it is unknown.
+    /// Empty if none is known.
+    pub sigmas: Vec<f32>,
     /// Vertices of each triangle, counter-clockwise seen from its front.
     pub triangles: Vec<[u32; 3]>,
     /// The pair of each triangle.
@@ -129,6 +133,7 @@ impl Builder {
         let (mut vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
         let polygons = census::polygons(&forest, &vertices, border);
         let nodes = census::nodes(&forest, &vertices);
+        let mut sums = sigmas::sums(&forest, &vertices);
         let (mut merged, mut merges_undone) = (0, 0);
         if let (Bound::Rms(rms), true) = (bound, options.merge) {
             // Down to a number of triangles: the number decides, not the tolerance.
@@ -138,6 +143,7 @@ impl Builder {
             let merges = costs
                 .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
             vertices.move_leaves(&merges.survivors);
+            sigmas::merge(&mut sums, &merges.survivors);
             (merged, merges_undone) = (merges.count, merges.undone);
         }
         let mut flips = 0;
@@ -174,7 +180,8 @@ impl Builder {
         };
         drop(stage);
         execution.check()?;
-        Ok(finished(made, geometry, statistics, costs))
+        let sigmas: Vec<f32> = sigmas::roots(&sums).chain(made.extra_sigmas.iter().copied()).collect();
+        Ok(finished(made, &sigmas, geometry, statistics, costs))
     }
 }
 
@@ -276,7 +283,13 @@ fn tolerance(bound: Bound) -> Option<f64> {
 
 /// Leaves out vertices that no triangle uses (those of polygons that an open border leaves out), and says
 /// what the others are.
-fn finished(made: Triangles, geometry: &Geometry, statistics: Statistics, costs: CostLog) -> DualSurface {
+fn finished(
+    made: Triangles,
+    sigmas: &[f32],
+    geometry: &Geometry,
+    statistics: Statistics,
+    costs: CostLog,
+) -> DualSurface {
     let Triangles { positions, on_border, mut triangles, pairs, .. } = made;
     let mut meetings = vec![Meeting::default(); positions.len()];
     for (t, pair) in triangles.iter().zip(&pairs) {
@@ -300,8 +313,11 @@ fn finished(made: Triangles, geometry: &Geometry, statistics: Statistics, costs:
     let kinds =
         (0..positions.len()).filter(used).map(|v| VertexKind::new(meetings[v].count.into(), on_border[v]));
     let kinds = kinds.collect();
+    // In voxels of mean edge so far.
+    let edge = geometry.voxel_edge() as f32;
+    let sigmas = (0..sigmas.len()).filter(used).map(|v| sigmas[v] * edge).collect();
     let positions = (0..positions.len()).filter(used).map(|v| positions[v]).collect();
-    DualSurface { positions, kinds, triangles, pairs, statistics, costs }
+    DualSurface { positions, kinds, sigmas, triangles, pairs, statistics, costs }
 }
 
 /// The materials that meet at a vertex; more than four are not told apart from four.

@@ -7,7 +7,7 @@ use super::noise::Qualities;
 use super::plane::Demand;
 use super::{Hermite, HermiteRule, NormalRule, UNKNOWN_WEIGHT, gradient, in_lengths, inverse_lengths, sided};
 use crate::classify::LabelVolume;
-use crate::contour::crossing::CrossingRule;
+use crate::contour::crossing::{CrossingRule, Node};
 use crate::grid::MaterialId;
 use crate::volume::{Sample, Slab};
 
@@ -146,6 +146,32 @@ impl<C: CrossingRule, S: Sample> CrossingRule for GreyHermite<'_, C, S> {
 
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
         self.crossings.joins_first(ring, labels)
+    }
+
+    fn has_sigmas(&self) -> bool {
+        self.crossings.has_sigmas()
+    }
+
+    #[inline]
+    fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.crossings.sigma(from, axis, labels)
+    }
+
+    fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        self.crossings.node(low, axis)
+    }
+
+    fn apex(&self, low: [usize; 3]) -> Option<Node> {
+        self.crossings.apex(low)
+    }
+
+    fn has_kinks(&self) -> bool {
+        self.crossings.has_kinks()
+    }
+
+    #[inline]
+    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        self.crossings.kink(low, axis)
     }
 }
 

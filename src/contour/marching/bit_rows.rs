@@ -2,7 +2,7 @@
 //! numbers.
 
 /// Bits in rows; set bits are numbered in row-major order.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct BitRows {
     words: usize,
     bits: Vec<u64>,
@@ -24,6 +24,27 @@ impl BitRows {
         }
         firsts.resize(rows + 1, total);
         Self { words, bits, firsts }
+    }
+
+    /// Clears the bits (x, y) that are not to be kept.
+    pub(super) fn retain(&mut self, mut keep: impl FnMut(usize, usize) -> bool) {
+        let mut bits = std::mem::take(&mut self.bits);
+        for (i, word) in bits.iter_mut().enumerate() {
+            let (x, y) = (64 * (i % self.words), i / self.words);
+            *word = set_bits(*word).filter(|bit| keep(x + bit, y)).fold(0, |word, bit| word | 1 << bit);
+        }
+        *self = Self::new(self.words, bits.len() / self.words.max(1), |new| new.copy_from_slice(&bits));
+    }
+
+    /// Bit (x, y).
+    #[inline]
+    pub(super) fn has(&self, x: usize, y: usize) -> bool {
+        self.bits[y * self.words + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// Whether there are no rows.
+    pub(super) fn is_empty(&self) -> bool {
+        self.bits.is_empty()
     }
 
     /// Number of set bits.
@@ -80,5 +101,10 @@ mod tests {
         assert_eq!(rows.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (3, 2), (64, 2)]);
         assert_eq!([0, 1, 2, 3].map(|y| rows.first(y)), [0, 1, 1, 4]);
         assert_eq!((rows.total(), rows.filled_rows().collect::<Vec<_>>()), (4, vec![0, 2]));
+        let mut some = rows;
+        some.retain(|x, y| (x, y) != (3, 2));
+        assert_eq!(some.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (64, 2)]);
+        assert_eq!([0, 1, 2, 3].map(|y| some.first(y)), [0, 1, 1, 3]);
+        assert!(some.has(127, 0) && some.has(64, 2) && !some.has(3, 2));
     }
 }

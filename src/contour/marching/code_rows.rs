@@ -186,3 +186,28 @@ pub(super) fn starred(planes: usize, ring: impl Fn(usize) -> [Block; 4]) -> Bloc
     }
     stars
 }
+
+/// The faces with two materials, neither of them `OUTSIDE`, and two crossings. `ring` gives the words of code plane p at
+/// the four corners in ring order; `outside` is the code of `OUTSIDE`.
+#[inline(always)]
+pub(super) fn plain(planes: usize, outside: usize, ring: impl Fn(usize) -> [Block; 4]) -> Block {
+    let (mut sides, mut out) = ([[0; BLOCK]; 4], [[u64::MAX; BLOCK]; 4]);
+    for p in 0..planes {
+        let corners = ring(p);
+        let flip = ((outside >> p & 1) as u64).wrapping_sub(1);
+        for c in 0..4 {
+            for k in 0..BLOCK {
+                sides[c][k] |= corners[c][k] ^ corners[(c + 1) % 4][k];
+                out[c][k] &= corners[c][k] ^ flip;
+            }
+        }
+    }
+    let mut plain = [0; BLOCK];
+    for (k, plain) in plain.iter_mut().enumerate() {
+        let [a, b, c, d] = sides.map(|side| side[k]);
+        // An even number of sides, but neither none nor all four.
+        let two = (a | b | c | d) & !(a & b & c & d) & !(a ^ b ^ c ^ d);
+        *plain = two & !out.iter().fold(0, |any, corner| any | corner[k]);
+    }
+    plain
+}

@@ -3,10 +3,11 @@
 use super::Job;
 use super::cell::{Cell, pair_of};
 use super::corners::{Corners, visit_cells};
+use super::kinks::Bent;
 use super::lattice::Layer;
 use crate::classify::LabelVolume;
 use crate::contour::crossing::CrossingRule;
-use crate::contour::pattern::PatternTable;
+use crate::contour::pattern::{CellTriangle, PatternTable};
 
 /// What a layer of cells will write.
 #[derive(Debug)]
@@ -40,9 +41,23 @@ impl LayerCount {
                     let pair = |t: &&_| pair_of(cell.sides(t), job.border).is_some();
                     packed.triangles(&summary).iter().filter(pair).count()
                 };
+                if job.rule.has_kinks() {
+                    out.add_kinks(packed.triangles(&summary), layer.kinks(x, y));
+                }
             });
         }
         out
+    }
+
+    /// Adds what the kinks of a cell's faces add: each divides an edge of one triangle, and a tip stands in for the start
+    /// of a fan.
+    #[inline]
+    fn add_kinks(&mut self, triangles: &[CellTriangle], kinked: u8) {
+        if kinked != 0 {
+            let tips = Bent::new(triangles, kinked).tips();
+            self.vertices += tips;
+            self.triangles += kinked.count_ones() as usize + 2 * tips;
+        }
     }
 }
 

@@ -2,14 +2,15 @@
 
 use super::Job;
 use super::bit_rows::{BitRows, set_bits};
-use super::cell::{Cell, crossing_position, pair_of};
+use super::cell::{Cell, crossing_position, crossing_sigma, pair_of};
 use super::code_rows::{CodeRow, MAX_PLANES, code};
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
+use super::kinks::{Bent, KINK, TIP, kink_of};
 use super::lattice::{Between, Layer, Plane};
 use crate::classify::WORD;
-use crate::contour::crossing::CrossingRule;
-use crate::contour::pattern::{CELL_VERTICES, PackedEntry};
+use crate::contour::crossing::{CrossingRule, Node};
+use crate::contour::pattern::{CELL_VERTICES, CellTriangle, PackedEntry};
 use crate::grid::cube::{EDGES, FACES, face_ring};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -26,6 +27,28 @@ pub(super) struct LayerSlices<'a> {
 pub(super) struct VertexSlices<'a> {
     pub(super) positions: &'a mut [[f32; 3]],
     pub(super) kinds: &'a mut [VertexKind],
+    /// Empty if none are known.
+    pub(super) sigmas: &'a mut [f32],
+}
+
+impl<'a> VertexSlices<'a> {
+    /// A patch's lists; `sigmas` is empty if none are known.
+    pub(super) fn of(
+        positions: &'a mut [[f32; 3]],
+        kinds: &'a mut [VertexKind],
+        sigmas: &'a mut [f32],
+    ) -> Self {
+        Self { positions, kinds, sigmas }
+    }
+
+    /// Writes vertex `i`, which lies at `node` from padded point `low`.
+    fn put(&mut self, i: usize, low: [usize; 3], node: Node, kind: VertexKind) {
+        self.positions[i] = place(low, node.at);
+        self.kinds[i] = kind;
+        if let Some(sigma) = self.sigmas.get_mut(i) {
+            *sigma = node.sigma;
+        }
+    }
 }
 
 /// Fills the output of a layer.
@@ -56,7 +79,8 @@ pub(super) fn fill_layer<C: CrossingRule>(
         let mut numbers = RowNumbers::new(layer, y, out.first_vertex, above);
         visit_cells(job.labels, [y, z], &active, |x, corners| {
             if let Some(&entry) = entries.next() {
-                cells.put([x, y, z], corners, usize::from(entry), &mut numbers);
+                let kinked = if job.rule.has_kinks() { layer.kinks(x, y) } else { 0 };
+                cells.put([x, y, z], corners, usize::from(entry), kinked, &mut numbers);
             }
         });
     }
@@ -75,6 +99,7 @@ pub(super) fn put_plane<C: CrossingRule>(
         put_crossings(job, edges, axis, plane.z, out, next);
     }
     put_nodes(job, &plane.nodes, 2, plane.z, out, next);
+    put_kinks(job, &plane.kinks, 2, plane.z, out, next);
 }
 
 /// Writes the vertices between two planes from `next` on.
@@ -88,6 +113,9 @@ fn put_between<C: CrossingRule>(
     for (axis, nodes) in between.nodes.iter().enumerate() {
         put_nodes(job, nodes, axis, between.z, out, next);
     }
+    for (axis, kinks) in between.kinks.iter().enumerate() {
+        put_kinks(job, kinks, axis, between.z, out, next);
+    }
 }
 
 /// Writes the crossings of edges along `axis` with lower ends in plane `z`.
@@ -99,6 +127,14 @@ fn put_crossings<C: CrossingRule>(
     out: &mut VertexSlices<'_>,
     next: &mut usize,
 ) {
+    // A loop of its own: the one below is what every surface pays for.
+    if !out.sigmas.is_empty() {
+        for ((x, y), sigma) in edges.iter().zip(&mut out.sigmas[*next..]) {
+            let (from, mut to) = ([x, y, z], [x, y, z]);
+            to[axis] += 1;
+            *sigma = crossing_sigma(job.rule, from, axis, [from, to].map(|p| job.labels.at(p)));
+        }
+    }
     // As for cells: loops over few planes are worth unrolling.
     match job.labels.codes().count() {
         0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
@@ -152,8 +188,26 @@ fn put_nodes<C: CrossingRule>(
 ) {
     for (x, y) in faces.iter() {
         let cell = Cell::of_face(job.labels, [x, y, z], axis);
-        out.positions[*next] = place(cell.low, cell.face_node(job.rule, 2 * axis));
-        out.kinds[*next] = cell.kind(face_ring(2 * axis), job.border);
+        let kind = cell.kind(face_ring(2 * axis), job.border);
+        out.put(*next, cell.low, cell.face_node(job.rule, 2 * axis), kind);
+        *next += 1;
+    }
+}
+
+/// Writes the kinks of faces across `axis` whose lowest corner lies in plane `z`.
+fn put_kinks<C: CrossingRule>(
+    job: &Job<'_, C>,
+    faces: &BitRows,
+    axis: usize,
+    z: usize,
+    out: &mut VertexSlices<'_>,
+    next: &mut usize,
+) {
+    for (x, y) in faces.iter() {
+        // There is one: the bit was set by it.
+        if let Some(kink) = kink_of(job.rule, [x, y, z], axis) {
+            out.put(*next, [x, y, z], kink, VertexKind::Interface);
+        }
         *next += 1;
     }
 }
@@ -178,6 +232,8 @@ struct RowNumbers {
     /// Nodes of x faces; of y faces in row y and in row y + 1; of z faces in the lower and in the upper
     /// plane.
     nodes: [u32; 5],
+    /// Kinks of the same faces.
+    kinks: [u32; 5],
     /// Those of the cell at hand, by the table's numbering. For edges and faces without a vertex they mean
     /// nothing.
     ids: [u32; CELL_VERTICES],
@@ -209,6 +265,19 @@ impl RowNumbers {
                 low[2] + lower.nodes.first(y),
                 up[2] + upper.nodes.first(y),
             ],
+            kinks: if between.kinks[0].is_empty() {
+                [0; 5]
+            } else {
+                let x_kinks = y_nodes + between.nodes[1].total();
+                let y_kinks = x_kinks + between.kinks[0].total();
+                [
+                    x_kinks + between.kinks[0].first(y),
+                    y_kinks + between.kinks[1].first(y),
+                    y_kinks + between.kinks[1].first(y + 1),
+                    low[2] + lower.nodes.total() + lower.kinks.first(y),
+                    up[2] + upper.nodes.total() + upper.kinks.first(y),
+                ]
+            },
             ids: [0; CELL_VERTICES],
         }
     }
@@ -232,15 +301,27 @@ impl RowNumbers {
             ids[9 + 2 * k] = self.z[k];
         }
         if star_faces != 0 {
-            let has_node = |f: usize| u32::from(star_faces >> f & 1);
-            ids[EDGES] = self.nodes[0];
-            self.nodes[0] += has_node(0);
-            ids[EDGES + 1] = self.nodes[0];
-            for (f, next) in (2..FACES).zip(&mut self.nodes[1..]) {
-                ids[EDGES + f] = *next;
-                *next += has_node(f);
-            }
+            take_faces(&mut ids[EDGES..], &mut self.nodes, star_faces);
         }
+    }
+
+    /// Finds the numbers of the same cell's kinks.
+    fn take_kinks(&mut self, kinked: u8) {
+        take_faces(&mut self.ids[KINK..], &mut self.kinks, kinked);
+    }
+}
+
+/// Finds the numbers of what lies on a cell's faces, of which those in `faces` have something, and moves on.
+#[inline]
+fn take_faces(ids: &mut [u32], next: &mut [u32; 5], faces: u8) {
+    let has = |f: usize| u32::from(faces >> f & 1);
+    ids[0] = next[0];
+    next[0] += has(0);
+    // What lies at the cell's upper x is the next cell's at its lower x.
+    ids[1] = next[0];
+    for (f, next) in (2..FACES).zip(&mut next[1..]) {
+        ids[f] = *next;
+        *next += has(f);
     }
 }
 
@@ -258,8 +339,11 @@ struct CellWriter<'a, 'b, C> {
 
 impl<C: CrossingRule> CellWriter<'_, '_, C> {
     #[inline]
-    fn put(&mut self, low: [usize; 3], corners: Corners, entry: usize, numbers: &mut RowNumbers) {
+    fn put(&mut self, low: [usize; 3], corners: Corners, entry: usize, kinked: u8, numbers: &mut RowNumbers) {
         let summary = self.job.table.packed().entry(entry);
+        if kinked != 0 {
+            return self.put_bent(&Cell::new(self.job.labels, low, corners), entry, kinked, numbers);
+        }
         if summary.two_materials && summary.apexes == 0 {
             numbers.take(summary.crossings, 0);
             self.put_two_materials(corners, &summary, &numbers.ids);
@@ -274,7 +358,17 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
             self.put_two_materials(corners, &summary, ids);
             return;
         }
-        for t in self.job.table.packed().triangles(&summary) {
+        self.put_triangles(&cell, self.job.table.packed().triangles(&summary), ids);
+    }
+
+    /// The triangles of a cell with any materials.
+    fn put_triangles<'t>(
+        &mut self,
+        cell: &Cell,
+        triangles: impl IntoIterator<Item = &'t CellTriangle>,
+        ids: &[u32; CELL_VERTICES],
+    ) {
+        for t in triangles {
             if let Some((pair, turn)) = pair_of(cell.sides(t), self.job.border) {
                 let [a, b, c] = t.vertices.map(|v| ids[usize::from(v) % CELL_VERTICES]);
                 self.triangles[self.next_triangle] = if turn { [a, c, b] } else { [a, b, c] };
@@ -282,6 +376,35 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
                 self.next_triangle += 1;
             }
         }
+    }
+
+    /// A cell of which the faces in `kinked` have kinks.
+    fn put_bent(&mut self, cell: &Cell, entry: usize, kinked: u8, numbers: &mut RowNumbers) {
+        let summary = self.job.table.packed().entry(entry);
+        numbers.take(cell.needed(summary.crossings, self.job.border), summary.star_faces);
+        numbers.take_kinks(kinked);
+        let ids = &mut numbers.ids;
+        self.put_apexes(cell, entry, ids);
+        let Bent { mut triangles, loops } = Bent::new(self.job.table.packed().triangles(&summary), kinked);
+        let mut tips = 0;
+        for bent in &loops {
+            if bent.has_tip() {
+                let alone = bent.rim.len() - bent.kinks().count() == summary.crossings.count_ones() as usize;
+                ids[TIP + tips] = self.first_vertex + self.apex as u32;
+                self.vertices.put(
+                    self.apex,
+                    cell.low,
+                    cell.tip(self.job.rule, bent, alone),
+                    VertexKind::Interface,
+                );
+                self.apex += 1;
+                triangles.extend(bent.cone((TIP + tips) as u8));
+                tips += 1;
+            } else {
+                triangles.extend(bent.fan(cell.fan_start(self.job.rule, bent)));
+            }
+        }
+        self.put_triangles(cell, &triangles, ids);
     }
 
     /// The triangles of a cell with two materials: all have the same pair.
@@ -302,11 +425,11 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
 
     fn put_apexes(&mut self, cell: &Cell, entry: usize, ids: &mut [u32; CELL_VERTICES]) {
         let surface = self.job.table.surface(entry);
-        let positions = cell.apexes(self.job.rule, surface);
-        for (i, (at, &corners)) in positions.into_iter().zip(&surface.apex_corners).enumerate() {
+        let apexes = cell.apexes(self.job.rule, surface);
+        for (i, (apex, &corners)) in apexes.into_iter().zip(&surface.apex_corners).enumerate() {
             ids[EDGES + FACES + i] = self.first_vertex + self.apex as u32;
-            self.vertices.positions[self.apex] = place(cell.low, at);
-            self.vertices.kinds[self.apex] = cell.kind(set_bits(u64::from(corners)), self.job.border);
+            let kind = cell.kind(set_bits(u64::from(corners)), self.job.border);
+            self.vertices.put(self.apex, cell.low, apex, kind);
             self.apex += 1;
         }
     }

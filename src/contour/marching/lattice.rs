@@ -4,9 +4,10 @@
 //! sides, and the pieces on both sides of a seam, number them alike.
 
 use super::bit_rows::BitRows;
-use super::code_rows::{BLOCK, Block, CodeSlice, crossed, shifted, starred};
+use super::code_rows::{BLOCK, Block, CodeSlice, crossed, plain, shifted, starred};
 use super::corners::{Corners, visit_cells};
 use super::count::entry;
+use super::kinks::kinked;
 use crate::classify::LabelVolume;
 use crate::contour::crossing::CrossingRule;
 use crate::contour::patch::Border;
@@ -20,12 +21,23 @@ pub(super) struct Plane {
     pub(super) edges: [BitRows; 2],
     /// Nodes of z faces.
     pub(super) nodes: BitRows,
+    /// Kinks of z faces; empty if the rule knows none.
+    pub(super) kinks: BitRows,
 }
 
 impl Plane {
-    pub(super) fn new(labels: &LabelVolume, border: Border, z: usize) -> Self {
+    pub(super) fn new<C: CrossingRule + ?Sized>(
+        labels: &LabelVolume,
+        rule: &C,
+        border: Border,
+        z: usize,
+    ) -> Self {
         // Wide instructions, and one that counts bits, where the processor has them.
-        pulp::Arch::new().dispatch(|| Self::make(labels, border, z))
+        let mut made = pulp::Arch::new().dispatch(|| Self::make(labels, border, z));
+        if rule.has_kinks() {
+            made.kinks = kinked(labels, rule, 2, z);
+        }
+        made
     }
 
     #[inline(always)]
@@ -39,18 +51,13 @@ impl Plane {
         let y_edges = by_blocks(words, rows, rows - 1, |i| {
             crossed(planes, outside, border, |p| [at.block(p, i), at.block(p, i + words)])
         });
-        let nodes = by_blocks(words, rows, rows - 1, |i| {
-            let above = i + words;
-            starred(planes, |p| {
-                [at.block(p, i), at.next_block(p, i), at.next_block(p, above), at.block(p, above)]
-            })
-        });
-        Self { z, edges: [x_edges, y_edges], nodes }
+        let nodes = face_rows(labels, 2, z, Faces::Starred);
+        Self { z, edges: [x_edges, y_edges], nodes, kinks: BitRows::default() }
     }
 
     /// Number of vertices.
     pub(super) fn vertices(&self) -> u32 {
-        self.edges[0].total() + self.edges[1].total() + self.nodes.total()
+        self.edges[0].total() + self.edges[1].total() + self.nodes.total() + self.kinks.total()
     }
 }
 
@@ -62,11 +69,22 @@ pub(super) struct Between {
     pub(super) edges: BitRows,
     /// Nodes of x faces and of y faces.
     pub(super) nodes: [BitRows; 2],
+    /// Kinks of x faces and of y faces; empty if the rule knows none.
+    pub(super) kinks: [BitRows; 2],
 }
 
 impl Between {
-    pub(super) fn new(labels: &LabelVolume, border: Border, z: usize) -> Self {
-        pulp::Arch::new().dispatch(|| Self::make(labels, border, z))
+    pub(super) fn new<C: CrossingRule + ?Sized>(
+        labels: &LabelVolume,
+        rule: &C,
+        border: Border,
+        z: usize,
+    ) -> Self {
+        let mut made = pulp::Arch::new().dispatch(|| Self::make(labels, border, z));
+        if rule.has_kinks() {
+            made.kinks = [0, 1].map(|axis| kinked(labels, rule, axis, z));
+        }
+        made
     }
 
     #[inline(always)]
@@ -77,20 +95,46 @@ impl Between {
         let edges = by_blocks(words, rows, rows, |i| {
             crossed(planes, outside, border, |p| [low.block(p, i), up.block(p, i)])
         });
-        let x_nodes = by_blocks(words, rows, rows - 1, |i| {
-            let next = i + words;
-            starred(planes, |p| [low.block(p, i), up.block(p, i), up.block(p, next), low.block(p, next)])
-        });
-        let y_nodes = by_blocks(words, rows, rows, |i| {
-            starred(planes, |p| [low.block(p, i), low.next_block(p, i), up.next_block(p, i), up.block(p, i)])
-        });
-        Self { z, edges, nodes: [x_nodes, y_nodes] }
+        let [x_nodes, y_nodes] = [0, 1].map(|axis| face_rows(labels, axis, z, Faces::Starred));
+        Self { z, edges, nodes: [x_nodes, y_nodes], kinks: Default::default() }
     }
 
     /// Number of vertices.
     pub(super) fn vertices(&self) -> u32 {
-        self.edges.total() + self.nodes[0].total() + self.nodes[1].total()
+        let [x, y] = [0, 1].map(|axis| self.nodes[axis].total() + self.kinks[axis].total());
+        self.edges.total() + x + y
     }
+}
+
+/// Which faces of the lattice.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Faces {
+    /// Those with a node.
+    Starred,
+    /// Those that may have a kink.
+    Plain,
+}
+
+/// The bits of some faces across `axis` with lowest corners in plane `z`.
+#[inline(always)]
+pub(super) fn face_rows(labels: &LabelVolume, axis: usize, z: usize, which: Faces) -> BitRows {
+    let (codes, outside) = (labels.codes(), labels.materials());
+    let (rows, words, planes) = (codes.padded()[1], codes.words(), codes.count());
+    let low = CodeSlice::new(labels, z);
+    let up = if axis == 2 { low } else { CodeSlice::new(labels, z + 1) };
+    let used = if axis == 1 { rows } else { rows - 1 };
+    by_blocks(words, rows, used, |i| {
+        let next = i + words;
+        let ring = |p: usize| match axis {
+            0 => [low.block(p, i), up.block(p, i), up.block(p, next), low.block(p, next)],
+            1 => [low.block(p, i), low.next_block(p, i), up.next_block(p, i), up.block(p, i)],
+            _ => [low.block(p, i), low.next_block(p, i), low.next_block(p, next), low.block(p, next)],
+        };
+        match which {
+            Faces::Starred => starred(planes, ring),
+            Faces::Plain => plain(planes, outside, ring),
+        }
+    })
 }
 
 /// Bits of the first `used` rows; `block` makes the words from a given one on. Other rows are empty.
@@ -121,6 +165,21 @@ impl Layer<'_> {
     /// Its number.
     pub(in crate::contour) fn z(&self) -> usize {
         self.lower.z
+    }
+
+    /// The faces of cell (x, y) that have a kink, as a bit set. To be asked only if the rule knows kinks.
+    #[inline]
+    pub(super) fn kinks(&self, x: usize, y: usize) -> u8 {
+        let [x_faces, y_faces] = &self.between.kinks;
+        let has = [
+            x_faces.has(x, y),
+            x_faces.has(x + 1, y),
+            y_faces.has(x, y),
+            y_faces.has(x, y + 1),
+            self.lower.kinks.has(x, y),
+            self.upper.kinks.has(x, y),
+        ];
+        has.into_iter().enumerate().fold(0, |set, (f, has)| set | u8::from(has) << f)
     }
 
     /// Calls `visit` with x, y, corners and the table's entry of each cell that has a crossing, row by row.

@@ -1,8 +1,8 @@
 //! Generalized, non-binary marching cubes (Fujimori and Suzuki §4, after Hege et al. 1997).
 //!
 //! The padded lattice is walked in *layers* of cells. A layer owns the vertices in its lower plane
-//! (crossings of x and y edges, nodes of z faces), those up to its upper plane (crossings of z edges,
-//! nodes of x and y faces), and the apexes inside its cells, numbered in this order. Counting comes
+//! (crossings of x and y edges, nodes and kinks of z faces), those up to its upper plane (crossings of z edges,
+//! nodes and kinks of x and y faces), and the apexes and tips inside its cells, numbered in this order. Counting comes
 //! first (`count.rs`), then sums give every layer its place in the output, then the layers are filled
 //! (`fill.rs`): the same mesh for any number of threads. Work follows the surface: 64 edges are
 //! compared at a time, and only cells with a crossing are looked at one by one.
@@ -15,6 +15,7 @@ mod code_rows;
 mod corners;
 mod count;
 mod fill;
+mod kinks;
 mod lattice;
 mod pieces;
 
@@ -33,7 +34,7 @@ use crate::grid::{MaterialId, Pair, VertexKind};
 
 pub use pieces::march_pieces;
 
-pub(in crate::contour) use cell::{Cell, pair_of};
+pub(in crate::contour) use cell::{Cell, pair_of, worst};
 
 use count::LayerCount;
 use fill::{LayerSlices, VertexSlices, fill_layer};
@@ -100,12 +101,13 @@ impl<C: CrossingRule> Job<'_, C> {
             positions: vec![[0.0; 3]; vertices],
             // By all threads: these two are not zeros, which cost nothing before they are written.
             kinds: repeat_n(VertexKind::Interface, vertices).collect(),
+            sigmas: if self.rule.has_sigmas() { vec![f32::NAN; vertices] } else { Vec::new() },
             triangles: vec![[0; 3]; triangles],
             pairs: any_pair.map_or_else(Vec::new, |pair| repeat_n(pair, triangles).collect()),
         };
         let mut rest = LayerSlices {
             first_vertex: 0,
-            vertices: VertexSlices { positions: &mut patch.positions, kinds: &mut patch.kinds },
+            vertices: VertexSlices::of(&mut patch.positions, &mut patch.kinds, &mut patch.sigmas),
             triangles: &mut patch.triangles,
             pairs: &mut patch.pairs,
         };
@@ -132,7 +134,7 @@ impl<C: CrossingRule> Job<'_, C> {
         stage: &Stage<'_>,
         visit: impl FnMut(Layer<'_>),
     ) -> Result<(), ContourError> {
-        walk(self.labels, self.border, layers, self.execution, stage, visit)
+        walk(self.labels, self.rule, self.border, layers, self.execution, stage, visit)
     }
 }
 
@@ -142,19 +144,20 @@ pub(in crate::contour) fn runs(layers: Range<usize>) -> Vec<Range<usize>> {
 }
 
 /// Visits layers in order.
-pub(in crate::contour) fn walk(
+pub(in crate::contour) fn walk<C: CrossingRule + ?Sized>(
     labels: &LabelVolume,
+    rule: &C,
     border: Border,
     layers: Range<usize>,
     execution: &Execution,
     stage: &Stage<'_>,
     mut visit: impl FnMut(Layer<'_>),
 ) -> Result<(), ContourError> {
-    let mut lower = Plane::new(labels, border, layers.start);
+    let mut lower = Plane::new(labels, rule, border, layers.start);
     for z in layers {
         execution.check()?;
-        let upper = Plane::new(labels, border, z + 1);
-        let between = Between::new(labels, border, z);
+        let upper = Plane::new(labels, rule, border, z + 1);
+        let between = Between::new(labels, rule, border, z);
         visit(Layer { lower: &lower, between: &between, upper: &upper });
         lower = upper;
         stage.advance(1);
@@ -172,6 +175,8 @@ impl<'a> LayerSlices<'a> {
             vertices: VertexSlices {
                 positions: self.vertices.positions.split_off_mut(..count.vertices).unwrap_or_default(),
                 kinds: self.vertices.kinds.split_off_mut(..count.vertices).unwrap_or_default(),
+                // None, if sigmas are not known.
+                sigmas: self.vertices.sigmas.split_off_mut(..count.vertices).unwrap_or_default(),
             },
             triangles: self.triangles.split_off_mut(..count.triangles).unwrap_or_default(),
             pairs: self.pairs.split_off_mut(..count.triangles).unwrap_or_default(),

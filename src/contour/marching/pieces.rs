@@ -102,12 +102,13 @@ impl<C: CrossingRule> Job<'_, C> {
         counts: &[LayerCount],
         stage: &Stage<'_>,
     ) -> Result<Piece, ContourError> {
-        let [below, above] = [layers.start, layers.end].map(|z| Plane::new(self.labels, self.border, z));
+        let [below, above] =
+            [layers.start, layers.end].map(|z| Plane::new(self.labels, self.rule, self.border, z));
         let mut patch = self.fill(layers.start, counts, above.vertices() as usize, stage)?;
         let owned = counts.iter().map(|c| c.vertices).sum::<usize>();
         let last = counts.last().map_or([0, 0], |c| [c.vertices, c.triangles]);
         let last_layer = [owned - last[0], patch.triangles.len() - last[1]];
-        let mut seam = VertexSlices { positions: &mut patch.positions, kinds: &mut patch.kinds };
+        let mut seam = VertexSlices::of(&mut patch.positions, &mut patch.kinds, &mut patch.sigmas);
         put_plane(self, &above, &mut seam, &mut owned.clone());
         let [seam_below, seam_above] = [below, above].map(|plane| keys(&plane));
         Ok(Piece { layers, patch, owned, last_layer, seam_below, seam_above })
@@ -117,7 +118,12 @@ impl<C: CrossingRule> Job<'_, C> {
 /// Keys of the vertices in a plane, in order of their numbers.
 fn keys(plane: &Plane) -> Vec<u64> {
     let [x_edges, y_edges] = &plane.edges;
-    let kinds = [(SeamKey::X_EDGE, x_edges), (SeamKey::Y_EDGE, y_edges), (SeamKey::Z_FACE, &plane.nodes)];
+    let kinds = [
+        (SeamKey::X_EDGE, x_edges),
+        (SeamKey::Y_EDGE, y_edges),
+        (SeamKey::Z_FACE, &plane.nodes),
+        (SeamKey::Z_KINK, &plane.kinks),
+    ];
     let keys = kinds
         .into_iter()
         .flat_map(|(kind, rows)| rows.iter().map(move |(x, y)| SeamKey::new(kind, [x, y, plane.z]).0));
