@@ -53,6 +53,7 @@ pub mod contour;
 pub mod execution;
 pub mod export;
 pub mod grid;
+pub mod locate;
 pub mod material;
 pub mod mesh;
 pub mod phantom;

@@ -4,6 +4,7 @@
 //! [`Execution`] allows, and the mesh leaves in pieces: `docs/scale.md`. Slabs, pieces and threads change
 //! no bit of the result.
 
+mod curves;
 mod denoise;
 mod error;
 mod memory_plan;
@@ -19,6 +20,7 @@ use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabP
 use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
+use crate::locate::{self, BlurUnits, Scan};
 use crate::material::{
     Blur, EdgeProfile, Found, Levels, MAX_ESTIMATED_RADIUS, MaterialTable, Noise, OtsuMode, Rejected,
     ScanQuality, SliceThresholds, Survey, TwoClasses, radius_per_axis,
@@ -30,7 +32,7 @@ use crate::with_sample_type;
 pub use denoise::DenoiseFound;
 pub use error::PipelineError;
 pub use options::{
-    DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
+    Accuracy, DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
 };
 pub use sink::{MeshSink, SinkError};
 
@@ -134,6 +136,9 @@ pub fn extract_into(
 ) -> Result<Findings, PipelineError> {
     options.check(source.geometry())?;
     let mut stages = STAGES.to_vec();
+    if options.accuracy == Accuracy::Full {
+        stages.insert(3, curves::STAGE);
+    }
     if matches!(options.method, Method::Dual(_)) {
         // Contouring proper is a third of it.
         stages.extend(dual::STAGES.map(|(stage, share)| (stage, 5.0 * share)));
@@ -161,7 +166,10 @@ fn plan(
 ) -> Result<MemoryPlan, PipelineError> {
     let geometry = source.geometry();
     let (budget, slab) = (execution.memory(), execution.slab());
-    let reach = surface::reach(&options.method);
+    let reach = match options.accuracy {
+        Accuracy::Paper => surface::reach(&options.method),
+        Accuracy::Full => surface::reach_of_models(&options.method),
+    };
     let mut memory = MemoryPlan::new(geometry.size(), source.sample_type(), reach, budget, slab);
     let materials = match &options.materials {
         MaterialChoice::Given(given) => given.len(),
@@ -221,6 +229,10 @@ impl<S: Sample> Run<'_, S> {
             return Err(PipelineError::NoInterface { material: material.into() });
         }
         let levels = Levels::new(&levels, &materials);
+        let scan = match self.options.accuracy {
+            Accuracy::Paper => None,
+            Accuracy::Full => scan(&geometry, &materials, &blur, &levels, &noise),
+        };
         let surface = Surface {
             geometry: &geometry,
             materials: MeshMaterial::from_table(&materials),
@@ -236,6 +248,7 @@ impl<S: Sample> Run<'_, S> {
                 store: Box::new(store),
                 materials: &materials,
                 blur: blur.sigma_mm.map(|mm| mm / geometry.voxel_edge()),
+                scan: scan.as_ref(),
             },
             sink,
             &mut self.costs,
@@ -397,13 +410,19 @@ impl<S: Sample> Run<'_, S> {
     /// How blurred the scan is; a radius that is given says nothing of it.
     fn quality(&mut self, materials: &MaterialTable) -> Result<ScanQuality, PipelineError> {
         let geometry = self.source.geometry();
-        if let Some(radius) = self.options.radius {
-            return Ok(ScanQuality { blur: Blur::given(radius, geometry), profile: None, noise: Vec::new() });
+        let given = self.options.radius.map(|radius| Blur::given(radius, geometry));
+        if let (Some(blur), Accuracy::Paper) = (given, self.options.accuracy) {
+            return Ok(ScanQuality { blur, profile: None, noise: Vec::new() });
         }
         let _stage = self.execution.stage(STAGES[1].0, 0);
         let slices = self.survey_slices()?;
         let window = &mut self.window;
-        Ok(self.costs.measure("blur", || ScanQuality::read(window, geometry, materials, slices))?)
+        let mut found =
+            self.costs.measure("blur", || ScanQuality::read(window, geometry, materials, slices))?;
+        if let Some(Blur { radius, .. }) = given {
+            found.blur = Blur { radius, ..found.blur };
+        }
+        Ok(found)
     }
 
     /// A window that has read everything keeps everything: only right if there is room for it later.
@@ -459,6 +478,38 @@ impl<S: Sample> Run<'_, S> {
             .costs
             .measure("classify", || classify_slabs(window, materials, blur.radius, &plan, execution)))
     }
+}
+
+/// Blurs below this many voxels leave steps that single voxels cannot show: models have nothing to fit to.
+const LEAST_BLUR: f64 = 0.5;
+/// The noise of a material is taken to be at least this share of the noisiest one's: where grey values are
+/// clipped there is none to be seen, but at its borders there is.
+const LEAST_NOISE: f64 = 0.5;
+/// The noise is taken to be at least this share of the smallest contrast.
+const LEAST_NOISE_OF_CONTRAST: f64 = 1e-3;
+
+/// What the models that place crossings need; `None` if the blur is not known, too small or too wide for them.
+fn scan(
+    geometry: &Geometry,
+    materials: &MaterialTable,
+    blur: &Blur,
+    levels: &Levels,
+    noise: &[Option<Noise>],
+) -> Option<Scan> {
+    let spacing = geometry.spacing();
+    let axes = blur.sigma_axes_mm.or(blur.sigma_mm.map(|s| [s; 3]))?;
+    let sigma: [f64; 3] = std::array::from_fn(|a| axes[a] / spacing[a]);
+    let units = BlurUnits::new(sigma);
+    if sigma.iter().any(|s| *s < LEAST_BLUR) || locate::halo(units) > locate::MOST_HALO {
+        return None;
+    }
+    let all = materials.materials();
+    let contrast = all.windows(2).map(|m| m[1].mean - m[0].mean).fold(f64::INFINITY, f64::min);
+    let known = |i: usize| noise.get(i).and_then(Option::as_ref).map(|n| n.sigma).or(all[i].sigma);
+    let largest = (0..all.len()).filter_map(known).fold(LEAST_NOISE_OF_CONTRAST * contrast, f64::max);
+    let sigmas = (0..all.len()).map(|i| known(i).unwrap_or(0.0).max(LEAST_NOISE * largest)).collect();
+    let inflation = noise.iter().flatten().map(|n| n.effective).fold(1.0, f64::max).sqrt();
+    Some(Scan { units, levels: levels.clone(), noise: sigmas, inflation })
 }
 
 /// The share of its voxels that the densest material kept; 0 if nothing at all was certain, `None`

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 /// From the top (used by all) to the bottom (uses all). A file alone is a layer of its own.
-const LAYERS: [&str; 13] = [
+const LAYERS: [&str; 14] = [
     "execution",
     "grid",
     "triangle",
@@ -12,6 +12,7 @@ const LAYERS: [&str; 13] = [
     "material",
     "classify",
     "contour",
+    "locate",
     "mesh",
     "export",
     "phantom",

@@ -1,5 +1,7 @@
 //! Blur, noise and local grey levels against phantoms for which they are known.
 
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests; they say what they see
+
 use interfacet::classify::classify;
 use interfacet::execution::Execution;
 use interfacet::grid::MaterialId;

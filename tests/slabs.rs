@@ -13,7 +13,8 @@ use interfacet::contour::dual::Placement;
 use interfacet::grid::VoxelBox;
 use interfacet::mesh::{MeshMaterial, MeshMerger, MeshPiece};
 use interfacet::pipeline::{
-    DualMethod, IsoValue, MeshSink, Method, PipelineError, SinkError, Threshold, Tolerance, extract_into,
+    Accuracy, DualMethod, IsoValue, MeshSink, Method, PipelineError, SinkError, Threshold, Tolerance,
+    extract_into,
 };
 use interfacet::volume::{Denoise, SampleType, VolumeError};
 use interfacet::{
@@ -244,6 +245,7 @@ proptest! {
         find in 0..6usize,
         denoise in some_filter(),
         method in some_method(),
+        accuracy in prop_oneof![Just(Accuracy::Paper), Just(Accuracy::Full)],
         radius in prop::option::of(0.9..2.6f64),
         open: bool,
         seed: u64,
@@ -263,7 +265,14 @@ proptest! {
             3 => MaterialChoice::Threshold(Threshold { iso: IsoValue::Given(to(110.5)), names: Vec::new() }),
             _ => given(to),
         };
-        let options = PipelineOptions { materials, radius, border: border(open), denoise, method };
+        let options = PipelineOptions {
+            materials,
+            radius,
+            border: border(open),
+            denoise,
+            method,
+            accuracy,
+        };
         let _ = same(&geometry, &samples, &options, cut);
     }
 

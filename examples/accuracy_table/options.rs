@@ -6,7 +6,7 @@ use anyhow::Context;
 use clap::Parser;
 
 use interfacet::phantom::{Noise, PhantomOptions, SceneName};
-use interfacet::pipeline::{DualMethod, Method, PipelineOptions};
+use interfacet::pipeline::{self, DualMethod, Method, PipelineOptions};
 
 use super::cases::{CONDITIONS, Case, Condition};
 
@@ -78,9 +78,11 @@ pub(crate) fn options(args: &Args) -> anyhow::Result<PipelineOptions> {
         MethodName::Marching => Method::Marching,
         MethodName::Dual => Method::Dual(DualMethod::default()),
     };
-    // `accuracy` becomes a field of the pipeline's options here once they have one.
-    anyhow::ensure!(args.accuracy == Accuracy::Paper, "the pipeline has no other accuracy than 'paper' yet");
-    Ok(PipelineOptions { method, radius: args.radius, ..PipelineOptions::default() })
+    let accuracy = match args.accuracy {
+        Accuracy::Paper => pipeline::Accuracy::Paper,
+        Accuracy::Full => pipeline::Accuracy::Full,
+    };
+    Ok(PipelineOptions { method, radius: args.radius, accuracy, ..PipelineOptions::default() })
 }
 
 impl Args {

@@ -44,11 +44,6 @@ pub(crate) struct Found {
     pub comparison: Comparison,
 }
 
-/// The standard deviations that a mesh states for its vertices, mm: none yet.
-fn sigmas(_extraction: &Extraction) -> Option<&[f32]> {
-    None
-}
-
 /// Makes, extracts and compares; an extraction that fails is an outcome, not an error.
 pub(crate) fn run(
     case: &Case,
@@ -74,7 +69,7 @@ fn measured(extraction: &Extraction, phantom: &Phantom, execution: &Execution) -
     let base = CompareOptions::default();
     let clear = if radius.is_finite() { 2.0 * radius } else { base.clear };
     let comparison =
-        compare(mesh, phantom, sigmas(extraction), &CompareOptions { clear, ..base }, execution)?;
+        compare(mesh, phantom, extraction.mesh.sigmas(), &CompareOptions { clear, ..base }, execution)?;
     Ok(Found {
         radius,
         triangles: mesh.triangles().len(),

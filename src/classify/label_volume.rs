@@ -231,6 +231,18 @@ impl LabelVolume {
         Self { materials, size, codes }
     }
 
+    /// Gives the voxel at a point of the padded lattice another material.
+    ///
+    /// # Panics
+    /// If its slice is not held.
+    pub fn set(&mut self, [x, y, z]: [usize; 3], material: MaterialId) {
+        for p in 0..self.codes.count() {
+            let word = &mut self.codes.row_mut(p, y, z)[x / WORD];
+            let bit = 1 << (x % WORD);
+            *word = if material.0 >> p & 1 == 1 { *word | bit } else { *word & !bit };
+        }
+    }
+
     /// Voxels per axis of the whole volume.
     #[must_use]
     pub fn size(&self) -> [usize; 3] {

@@ -64,9 +64,7 @@ pub(crate) fn run(args: &Args, execution: &Execution) -> anyhow::Result<ExitCode
     let mesh = read_mesh(&args.mesh, &ReadOptions::default())?;
     let clear = args.clear.unwrap_or_else(|| default_clear(args));
     let options = CompareOptions { clear, near: args.near, step: args.step };
-    // A mesh does not yet carry standard deviations of its vertices: here they come in.
-    let sigmas: Option<&[f32]> = None;
-    let found = compare(&mesh, &phantom, sigmas, &options, execution)?;
+    let found = compare(&mesh, &phantom, mesh.sigmas(), &options, execution)?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&found)? + "\n";
         write_atomically(path, |out| out.write_all(text.as_bytes()))?;

@@ -19,7 +19,7 @@ use crate::execution::{Execution, available_memory};
 use crate::export::StagedFolder;
 use crate::mesh::CheckOptions;
 use crate::pipeline::{
-    DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
+    Accuracy, DualMethod, IsoValue, MaterialChoice, Method, NamedGrey, PipelineOptions, Threshold, Tolerance,
     extract_into,
 };
 use crate::report::{InputReport, ResultWriter};
@@ -110,6 +110,10 @@ pub(crate) struct Args {
     /// Parameters follow as in `bilateral:sigma=0.05mm,grey=12`; see below.
     #[arg(long, value_name = "FILTER", value_parser = parse_denoise, default_value = "none", help_heading = "Preprocessing")]
     denoise: DenoiseArg,
+    /// How well crossings are placed: as published, or by models of the blurred scene fitted to the grey values
+    /// (with a standard deviation for each vertex).
+    #[arg(long, value_enum, default_value_t = AccuracyName::Paper, help_heading = "Surface")]
+    accuracy: AccuracyName,
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
     /// interfaces, smaller keeps thinner parts and sharper junctions.
@@ -194,6 +198,23 @@ enum MethodName {
     Marching,
     /// Adaptive dual contouring: few triangles where the surface is flat, sharp edges kept.
     Dual,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum AccuracyName {
+    /// Linear interpolation between two voxels, midpoints near junctions (Fujimori and Suzuki).
+    Paper,
+    /// Blurred sheets, junction curves and sharp edges fitted to the grey values; slower.
+    Full,
+}
+
+impl From<AccuracyName> for Accuracy {
+    fn from(name: AccuracyName) -> Self {
+        match name {
+            AccuracyName::Paper => Self::Paper,
+            AccuracyName::Full => Self::Full,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
@@ -305,7 +326,8 @@ impl Args {
             BorderName::Open => Border::Open,
         };
         let method = self.method()?;
-        Ok(PipelineOptions { denoise: self.denoise.0, materials, radius: self.radius, border, method })
+        let (denoise, radius, accuracy) = (self.denoise.0, self.radius, self.accuracy.into());
+        Ok(PipelineOptions { denoise, materials, radius, border, method, accuracy })
     }
 }
 

@@ -74,9 +74,9 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
             drop(survey);
             let quality = ScanQuality::read(&mut window, geometry, &materials.table, thickness)?;
             Materials::Found {
-                materials,
-                blur: quality.blur,
-                edge_profile: quality.profile,
+                materials: Box::new(materials),
+                blur: Box::new(quality.blur),
+                edge_profile: quality.profile.map(Box::new),
                 local_noise: quality.noise,
             }
         }
@@ -89,8 +89,15 @@ fn look<S: Sample>(source: &dyn VolumeSource, execution: &Execution) -> Result<(
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
 enum Materials {
-    Found { materials: Found, blur: Blur, edge_profile: Option<EdgeProfile>, local_noise: Vec<Option<Noise>> },
-    NotFound { reason: String },
+    Found {
+        materials: Box<Found>,
+        blur: Box<Blur>,
+        edge_profile: Option<Box<EdgeProfile>>,
+        local_noise: Vec<Option<Noise>>,
+    },
+    NotFound {
+        reason: String,
+    },
 }
 
 impl Materials {

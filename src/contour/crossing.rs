@@ -93,6 +93,46 @@ pub trait CrossingRule: Sync {
     }
 }
 
+impl<R: CrossingRule + ?Sized> CrossingRule for &R {
+    #[inline]
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        (**self).position(from, axis, labels)
+    }
+
+    #[inline]
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
+        (**self).located(from, axis, labels)
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        (**self).joins_first(ring, labels)
+    }
+
+    fn has_sigmas(&self) -> bool {
+        (**self).has_sigmas()
+    }
+
+    fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        (**self).sigma(from, axis, labels)
+    }
+
+    fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        (**self).node(low, axis)
+    }
+
+    fn apex(&self, low: [usize; 3]) -> Option<Node> {
+        (**self).apex(low)
+    }
+
+    fn has_kinks(&self) -> bool {
+        (**self).has_kinks()
+    }
+
+    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        (**self).kink(low, axis)
+    }
+}
+
 /// Crossings at edge midpoints; on ambiguous faces the material with the higher id is joined.
 /// For volumes that are already segmented.
 #[derive(Debug, Clone, Copy, Default)]

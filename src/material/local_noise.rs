@@ -264,9 +264,9 @@ mod tests {
             let found = found[1].clone().unwrap();
             println!("{sigma:?}: {found:?}");
             assert!((found.sigma / 40.0 - 1.0).abs() < 0.04, "{found:?}");
-            for a in 0..3 {
-                assert!((found.correlation[a] - sigma[a]).abs() < if sigma[a] > 0.0 { 0.06 } else { 0.35 });
-                assert!((found.autocorrelation[a][0] - autocorrelation(sigma[a], 1)).abs() < 0.04);
+            for (a, &sigma) in sigma.iter().enumerate() {
+                assert!((found.correlation[a] - sigma).abs() < if sigma > 0.0 { 0.06 } else { 0.35 });
+                assert!((found.autocorrelation[a][0] - autocorrelation(sigma, 1)).abs() < 0.04);
             }
             let mut slabs = Lines::new(size, &table);
             (0..size[2]).for_each(|z| slabs.add(slab, z..z + 1));

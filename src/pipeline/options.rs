@@ -24,6 +24,19 @@ pub struct PipelineOptions {
     pub border: Border,
     /// How the surface is made.
     pub method: Method,
+    /// How well crossings are placed.
+    pub accuracy: Accuracy,
+}
+
+/// How well the crossings of a grey volume with several materials are placed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Accuracy {
+    /// As published: linear interpolation between two voxels, and midpoints near junctions.
+    #[default]
+    Paper,
+    /// By models of the blurred scene fitted to the grey values: see [`crate::locate`].
+    Full,
 }
 
 /// How the surface is made.

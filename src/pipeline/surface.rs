@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::{DualMethod, MeshSink, Method, PipelineError};
+use super::{DualMethod, MeshSink, Method, PipelineError, curves};
 use crate::classify::{KnownLabels, LabelStore, LabelVolume};
 use crate::contour::dual::{Bound, Builder, DualOptions, Statistics};
 use crate::contour::hermite::{GreyHermite, HALO, LabelHermite, PairQuality, Qualities};
@@ -11,6 +11,7 @@ use crate::contour::marching::march_pieces;
 use crate::contour::{Border, CrossingRule, Level, Midpoints, Piece, Thresholds, layers_of};
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
+use crate::locate::{self, Located, LocatedHermite, Scan, Sites, models};
 use crate::material::MaterialTable;
 use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
 use crate::volume::{Sample, SampleWindow};
@@ -24,6 +25,11 @@ pub(super) fn reach(method: &Method) -> usize {
         Method::Marching => 1,
         Method::Dual(_) => HALO + 1,
     }
+}
+
+/// The same at most, for any blur, where models place crossings.
+pub(super) fn reach_of_models(method: &Method) -> usize {
+    locate::MOST_HALO + reach(method)
 }
 
 /// Bytes that dual contouring takes for each crossing, at its peak (docs/performance.md): in the octree alone, with
@@ -40,6 +46,8 @@ pub(super) enum Crossings<'a> {
         materials: &'a MaterialTable,
         /// Sigma of the blur, in voxels of mean edge, if known.
         blur: Option<f64>,
+        /// What the models that place crossings need, if they are to be placed by models.
+        scan: Option<&'a Scan>,
     },
     /// The samples are labels: midpoints.
     Midpoints { ids: &'a KnownLabels },
@@ -69,9 +77,20 @@ impl Surface<'_> {
         sink: &mut dyn MeshSink,
         costs: &mut CostLog,
     ) -> Result<Option<Statistics>, PipelineError> {
+        let mut crossings = crossings;
+        let curves = match &mut crossings {
+            Crossings::Thresholds { store, scan: Some(scan), .. } => {
+                let started = Instant::now();
+                let sites = curves::locate(window, store, scan, self.slices, self.execution)?;
+                costs.add("locate", started.elapsed().as_secs_f64());
+                Some((*scan, sites))
+            }
+            _ => None,
+        };
+        let curves = curves.as_ref().map(|(scan, sites)| (*scan, sites));
         match self.method {
-            Method::Marching => self.march(window, crossings, sink, costs).map(|()| None),
-            Method::Dual(method) => self.dual(window, crossings, &method, sink, costs).map(Some),
+            Method::Marching => self.march(window, crossings, curves, sink, costs).map(|()| None),
+            Method::Dual(method) => self.dual(window, crossings, curves, &method, sink, costs).map(Some),
         }
     }
 
@@ -80,6 +99,7 @@ impl Surface<'_> {
         &self,
         window: &mut SampleWindow<'_, S>,
         mut crossings: Crossings<'_>,
+        curves: Option<(&Scan, &Sites)>,
         sink: &mut dyn MeshSink,
         costs: &mut CostLog,
     ) -> Result<(), PipelineError> {
@@ -88,9 +108,16 @@ impl Surface<'_> {
         sink.begin(self.geometry, &self.materials)?;
         let started = Instant::now();
         let mut out = Out { surface: self, sink, stage, first: [0, 0], seconds: 0.0 };
-        window.sweep(self.slices, reach(&self.method), |slab, core| {
+        let reach = curves.map_or(reach(&self.method), |(scan, _)| locate::halo(scan.units) + 1);
+        window.sweep(self.slices, reach, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             match &mut crossings {
+                Crossings::Thresholds { store, materials, .. } if let Some((scan, sites)) = curves => {
+                    let (labels, junction) = curves::part(store, slab)?;
+                    let models = models(&scan.view(slab, &labels, &junction), sites, core.clone(), 0);
+                    let otherwise = Thresholds::new(slab, &junction, materials);
+                    out.march(&models.labels, &located(otherwise, scan, sites, &models), layers)
+                }
                 Crossings::Thresholds { store, materials, .. } => {
                     let (labels, junction) = store.read(layers.start..layers.end + 1)?;
                     out.march(&labels, &Thresholds::new(slab, &junction, materials), layers)
@@ -115,6 +142,7 @@ impl Surface<'_> {
         &self,
         window: &mut SampleWindow<'_, S>,
         mut crossings: Crossings<'_>,
+        curves: Option<(&Scan, &Sites)>,
         method: &DualMethod,
         sink: &mut dyn MeshSink,
         costs: &mut CostLog,
@@ -125,11 +153,21 @@ impl Surface<'_> {
         let stage = self.execution.stage(STAGE, size[2] as u64 + 1);
         let qualities = crossings.qualities();
         let mut builder = Builder::new(self.geometry);
-        window.sweep(self.slices, reach(&self.method), |slab, core| {
+        let reach = curves.map_or(reach(&self.method), |(scan, _)| locate::halo(scan.units) + HALO);
+        window.sweep(self.slices, reach, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             let known = layers.start.saturating_sub(HALO)..(layers.end + 1 + HALO).min(size[2] + 2);
             let normals = method.normals;
             match &mut crossings {
+                Crossings::Thresholds { store, materials, .. } if let Some((scan, sites)) = curves => {
+                    let (labels, junction) = curves::part(store, slab)?;
+                    let models = models(&scan.view(slab, &labels, &junction), sites, core.clone(), HALO);
+                    let otherwise = Thresholds::new(slab, &junction, materials);
+                    let rule = located(otherwise, scan, sites, &models);
+                    let labels = &models.labels;
+                    let rule = LocatedHermite::new(&rule, slab, labels, spacing, normals, &qualities);
+                    builder.add(labels, &rule, layers, self.execution, &stage)?;
+                }
                 Crossings::Thresholds { store, materials, .. } => {
                     let (labels, junction) = store.read(known)?;
                     let rule = Thresholds::new(slab, &junction, materials);
@@ -168,6 +206,17 @@ impl Surface<'_> {
         sink.add(MeshPiece::whole(mesh))?;
         Ok(statistics)
     }
+}
+
+/// The rule of crossings by models.
+fn located<'a, C: CrossingRule>(
+    otherwise: C,
+    scan: &Scan,
+    sites: &'a Sites,
+    models: &'a locate::Models,
+) -> Located<'a, C> {
+    let locate::Models { zone, patches, .. } = models;
+    Located { otherwise, zone, sites, patches, units: scan.units, inflation: scan.inflation }
 }
 
 impl Surface<'_> {

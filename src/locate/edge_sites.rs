@@ -1,0 +1,335 @@
+//! Sharp edges of one interface, rounded by blur: where they are looked for, and the wedge fits there.
+//!
+//! Seeds are blocks whose crossings are no smooth sheet ([`Rough`]), away from junctions. The start are the two
+//! patches around whose normals differ most: their planes meet in a line near the seed. Then a wedge of two rays is
+//! fitted as at junctions, with the patches around as places on its flanks.
+//!
+//! A fillet is no edge: the two planes would explain its flanks, but not the grey values between. So a fit must
+//! explain these as well as noise allows, in the middle alone, too.
+
+use std::cmp::Ordering;
+use std::ops::Range;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::flanks::{FlatIndex, flanks_of};
+use super::junction_sites::{explained, take};
+use super::patches::{Flat, Rough};
+use super::sheet::{LevelPrior, Sample};
+use super::site::{Model, Site};
+use super::view::{Seen, View};
+use super::wedge::{EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
+use crate::grid::MaterialId;
+use crate::volume;
+
+/// Patches are looked for within this distance of a seed, voxels of mean edge per blur unit.
+const AROUND: f64 = 7.5;
+/// Radius of the ball of a fit, blur units.
+const FULL: f64 = 4.0;
+/// No more patches than this are looked at, the nearest ones.
+const NEAR: usize = 40;
+/// Sheets that turn by less than this beyond their curvature make no edge, radians.
+const LEAST_TURN: f64 = 0.4;
+/// Its cosine, rounded up.
+const LEAST_TURN_COS: f64 = 0.922;
+/// Standard deviation of grey levels, as a share of the contrast, beside what the levels say.
+const LEVEL: f64 = 0.02;
+/// Standard deviation of the logarithm of sigma.
+const SIGMA: f64 = 0.05;
+/// Standard deviation of curvatures, per blur unit.
+const CURVATURE: f64 = 0.12;
+/// The models' own errors, as a share of the contrast.
+const MODEL: f64 = 0.0007;
+/// What the curved model must gain in chi squared.
+const GAIN: f64 = 12.0;
+/// Largest standard deviation of the edge's place, blur units.
+const UNSURE: f64 = 0.3;
+/// A planar fit that leaves more than this share of the contrast will not be mended by curvature.
+const HOPELESS: f64 = 0.06;
+/// The edge may lie this far from its seed, blur units.
+const FARTHEST: f64 = 3.5;
+
+/// Fits the sharp edges at seeds; those whose box begins in the slices `core`.
+#[must_use]
+pub(super) fn edge_sites<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    seeds: &[Rough],
+    core: Range<usize>,
+) -> Vec<Site> {
+    let reach = view.units.voxel(DVec3::splat(FARTHEST)).z + CELL;
+    let near = |seed: &&Rough| seed.at.z >= core.start as f64 - reach && seed.at.z <= core.end as f64 + reach;
+    let seeds: Vec<&Rough> = seeds.iter().filter(near).collect();
+    let mut starts: Vec<Start> = seeds.par_iter().filter_map(|seed| start(view, flats, seed)).collect();
+    starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
+    // One for each box that the edge passes: the one whose seed is nearest to it.
+    starts.sort_by(|a, b| {
+        (a.cell, a.seed.pair)
+            .cmp(&(b.cell, b.seed.pair))
+            .then(a.wedge.origin.length().total_cmp(&b.wedge.origin.length()))
+            .then_with(|| {
+                let [p, q] = [a, b].map(|s| s.seed.at.to_array());
+                (0..3).map(|i| p[i].total_cmp(&q[i])).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
+            })
+    });
+    starts.dedup_by_key(|s| (s.cell, s.seed.pair));
+    starts.par_iter().filter_map(|start| fit(view, flats, start)).collect()
+}
+
+/// Edge of the boxes in which one fit is enough, voxels.
+const CELL: f64 = 4.0;
+
+/// Where a fit starts.
+struct Start {
+    /// The box of the point where it starts.
+    cell: [i32; 3],
+    seed: Rough,
+    wedge: Wedge<2, EDGE>,
+    materials: [MaterialId; 2],
+}
+
+/// The two patches around a seed that make an edge: near, and of different directions.
+fn faces<'a, S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'a>,
+    seed: &Rough,
+) -> Option<[&'a Flat; 2]> {
+    let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
+    let mut near: Vec<(&Flat, f64)> = flats
+        .near(seed.at, reach)
+        .filter(|f| f.pair == seed.pair)
+        .map(|f| (f, view.units.of(f.at - seed.at).length()))
+        .filter(|(_, d)| *d <= AROUND)
+        .collect();
+    if near.len() > NEAR {
+        near.select_nth_unstable_by(NEAR, |a, b| a.1.total_cmp(&b.1));
+        near.truncate(NEAR);
+    }
+    let mut best: Option<(f64, [&Flat; 2])> = None;
+    for (i, (a, da)) in near.iter().enumerate() {
+        for (b, db) in &near[..i] {
+            let cos = a.normal.dot(b.normal);
+            if cos > LEAST_TURN_COS {
+                continue;
+            }
+            // A curved face turns as well.
+            let apart = view.units.of(a.at - b.at).length();
+            let turned = 1.4 * a.curvature.max(b.curvature) * apart;
+            if cos < -0.95 || cos.clamp(-1.0, 1.0).acos() < LEAST_TURN + turned {
+                continue;
+            }
+            // Near the seed, and the seed near both planes.
+            let off = |f: &Flat| f.normal.dot(view.units.of(seed.at - f.at)).abs();
+            let cost = da + db + 2.0 * (off(a) + off(b)) + 4.0 * cos;
+            if best.is_none_or(|(c, _)| cost < c) {
+                best = Some((cost, [a, b]));
+            }
+        }
+    }
+    best.map(|b| b.1)
+}
+
+/// Crossings this near to a seed (voxels) are rounded with the edge, those farther than the second are not its.
+const ROUNDED: [f64; 2] = [2.0, 6.5];
+/// Fewest crossings that make a face.
+const FEWEST: usize = 8;
+
+/// Two faces where there are no patches, as between edges that are near to each other: the crossings around,
+/// parted by the directions of their gradients.
+fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Option<[Flat; 2]> {
+    let (size, slices) = (view.slab.size(), view.slab.slices());
+    let low: [usize; 3] = std::array::from_fn(|a| (seed.at[a] - ROUNDED[1]).max(1.0) as usize);
+    let end: [usize; 3] =
+        std::array::from_fn(|a| ((seed.at[a] + ROUNDED[1]) as usize + 1).min(size[a].saturating_sub(2)));
+    let middle = seed.pair.map(|m| view.mean(m, seed.at)).iter().sum::<f64>() / 2.0;
+    let grey = |v: [usize; 3]| f64::from(view.slab.grey(v));
+    let gradient = |v: [usize; 3]| {
+        DVec3::from(std::array::from_fn(|a| {
+            let (mut up, mut down) = (v, v);
+            up[a] += 1;
+            down[a] -= 1;
+            (grey(up) - grey(down)) * view.units.per_voxel[a]
+        }))
+    };
+    let mut found: Vec<(DVec3, DVec3)> = Vec::new();
+    for z in low[2].max(slices.start + 1)..end[2].min(slices.end.saturating_sub(2)) {
+        for y in low[1]..end[1] {
+            for x in low[0]..end[0] {
+                let from = [x, y, z];
+                let here = view.label(from);
+                for axis in 0..3 {
+                    let mut to = from;
+                    to[axis] += 1;
+                    let there = view.label(to);
+                    if here == there || !seed.pair.contains(&here) || !seed.pair.contains(&there) {
+                        continue;
+                    }
+                    let (f, g) = (grey(from) - middle, grey(to) - middle);
+                    if (f < 0.0) == (g < 0.0) {
+                        continue;
+                    }
+                    let t = f / (f - g);
+                    let at = DVec3::new(x as f64, y as f64, z as f64) + DVec3::AXES[axis] * t;
+                    let distance = at.distance(seed.at);
+                    let normal = gradient(from) * (1.0 - t) + gradient(to) * t;
+                    if (ROUNDED[0]..ROUNDED[1]).contains(&distance)
+                        && let Some(normal) = normal.try_normalize()
+                    {
+                        found.push((at, normal));
+                    }
+                }
+            }
+        }
+    }
+    // The two directions farthest apart, then means of the crossings nearer to the one or the other.
+    let mean = found.iter().map(|f| f.1).sum::<DVec3>().try_normalize()?;
+    let far = |from: DVec3| found.iter().map(|f| f.1).min_by(|a, b| a.dot(from).total_cmp(&b.dot(from)));
+    let mut centres = [far(mean)?, DVec3::ZERO];
+    centres[1] = far(centres[0])?;
+    let mut faces = [None; 2];
+    for _ in 0..4 {
+        for k in 0..2 {
+            let own = found.iter().filter(|f| {
+                let d = centres.map(|c| c.dot(f.1));
+                d[k] > d[1 - k] && d[k] > 0.9
+            });
+            let count = own.clone().count();
+            if count < FEWEST {
+                return None;
+            }
+            let at = own.clone().map(|f| f.0).sum::<DVec3>() / count as f64;
+            let normal = own.map(|f| f.1).sum::<DVec3>().try_normalize()?;
+            faces[k] = Some((at, normal));
+        }
+        centres = [faces[0]?.1, faces[1]?.1];
+    }
+    if centres[0].dot(centres[1]).acos() < LEAST_TURN {
+        return None;
+    }
+    let flat = |(at, normal): (DVec3, DVec3)| Flat {
+        pair: seed.pair,
+        at,
+        normal,
+        sigma: 1.0,
+        curvature: 0.0,
+        form: DMat3::ZERO,
+        form_sigma: 1.0,
+    };
+    Some([flat(faces[0]?), flat(faces[1]?)])
+}
+
+/// The wedge that two patches make about a seed.
+fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
+    let faces = match faces(view, flats, seed) {
+        Some([a, b]) => [*a, *b],
+        None => faces_of_crossings(view, seed)?,
+    };
+    let [a, b] = faces;
+    let direction = a.normal.cross(b.normal).try_normalize()?;
+    let at = faces.map(|f| view.units.of(f.at - seed.at));
+    // Where both planes meet, nearest to the seed.
+    let (da, db, cos) = (a.normal.dot(at[0]), b.normal.dot(at[1]), a.normal.dot(b.normal));
+    let det = 1.0 - cos * cos;
+    let apex = a.normal * ((da - cos * db) / det) + b.normal * ((db - cos * da) / det);
+    if apex.length() > FARTHEST {
+        return None;
+    }
+    let mut rays = Vec::with_capacity(2);
+    for (f, at) in faces.iter().zip(at) {
+        let along = f.normal.cross(direction).normalize();
+        let towards = (at - apex).dot(along);
+        if towards.abs() < 0.5 {
+            return None;
+        }
+        let ray = along * towards.signum();
+        // On the left of the ray lies the higher material if the normal points there.
+        let higher_left = f.normal.dot(direction.cross(ray)) > 0.0;
+        rays.push((ray, higher_left));
+    }
+    // One ray has the higher material on its left, the other on its right, or there is no such edge.
+    if rays[0].1 == rays[1].1 {
+        return None;
+    }
+    if !rays[0].1 {
+        rays.swap(0, 1);
+    }
+    // Counter-clockwise of the first ray lies the higher material.
+    let materials = [seed.pair[1], seed.pair[0]];
+    let levels = materials.map(|m| view.level(m, seed.at).mean);
+    let wedge = Wedge::new(apex, direction, [rays[0].0, rays[1].0], levels);
+    let cell = (seed.at + view.units.voxel(apex)).to_array().map(|c| (c / CELL).floor() as i32);
+    Some(Start { cell, seed: *seed, wedge, materials })
+}
+
+fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
+    let Start { seed, wedge, materials, .. } = start;
+    let (mut wedge, materials) = (wedge.clone(), *materials);
+    let levels: [LevelPrior; 2] = materials.map(|m| view.level(m, seed.at));
+    let contrast = (levels[0].mean - levels[1].mean).abs();
+    let noise = view.noise(&materials).hypot(MODEL * contrast);
+    let prior = Prior {
+        levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(LEVEL * contrast) }),
+        noise,
+        log_sigma: SIGMA,
+        curvature: CURVATURE,
+        bends: [None; 2],
+    };
+    let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
+    let mut on: Vec<Flank> = Vec::new();
+    let mut last: Option<WedgeFit<2, EDGE>> = None;
+    for pass in 0..2 {
+        take(view, seed.at, wedge.origin, FULL, &mut seen, &mut samples);
+        // A third material, or another part, is none of the edge's.
+        if seen.iter().any(|s| !materials.contains(&s.label)) {
+            let near: Vec<DVec3> = seen
+                .iter()
+                .filter(|s| !materials.contains(&s.label))
+                .map(|s| s.sample.at + wedge.origin)
+                .collect();
+            if near.iter().any(|p| p.distance(wedge.origin) < 3.0) {
+                return None;
+            }
+            samples.retain(|s| near.iter().all(|p| p.distance_squared(s.at) > 9.0));
+        }
+        let bends = flanks_of(view, flats, seed.at, &wedge, &materials, &mut on);
+        let prior = Prior { bends, ..prior };
+        let planar = wedge.fit(&samples, &on, &prior, Stage::Planar)?;
+        if planar.reduced().sqrt() * noise > HOPELESS * contrast {
+            return None;
+        }
+        let curved = planar.wedge.fit(&samples, &on, &prior, Stage::Curved);
+        let best = match curved {
+            Some(c) if c.fit.chi2 + c.fit.strain + GAIN < planar.fit.chi2 + planar.fit.strain => c,
+            _ => planar,
+        };
+        wedge = best.wedge.recentred(0.0);
+        let still = best.wedge.apex(0.0).length() < 0.1;
+        last = Some(best);
+        if wedge.origin.length() > FARTHEST {
+            return None;
+        }
+        if pass == 0 && still {
+            break;
+        }
+    }
+    let fit = last?;
+    let angle = fit.wedge.angles()[0];
+    let turn = (angle - std::f64::consts::PI).abs();
+    let accepted = fit.wedge.apex(0.0).length() < 1.0
+        && fit.apex_sigma(0.0)[1] < UNSURE
+        && explained(&fit, noise, contrast)
+        && turn > 0.35
+        && turn < 2.8
+        && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA;
+    if !accepted {
+        return None;
+    }
+    let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
+    Some(Site {
+        middle: seed.at,
+        at,
+        materials: [materials[0], materials[1], materials[1]],
+        model: Model::Edge(Box::new(fit)),
+    })
+}

@@ -1,0 +1,355 @@
+//! Junction curves: where they are looked for, and the wedge fits there.
+//!
+//! Seeds are the junction cells (three labels among eight corners) that thinning left, one fit for those of a block.
+//! The start needs the published result alone (`../shared/notes/junctions.md`, "Method" 1): the mean of the
+//! block's junction cells, the direction in which those around spread most, and a ray per pair towards the mean of its
+//! crossings around. Then rough fits in a small ball, and fits in a larger one with places on the flanks where patches
+//! know the interface of a pair alone; planar first, curved if that explains the grey values better.
+//!
+//! Acceptance: the fit explains the grey values; the curve lies in the ball, its place is known; rays do not
+//! merge; sigma is the scan's. A ball without a junction fits well, but leaves the place along an interface open.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use nalgebra::{Matrix3, SymmetricEigen};
+use rayon::prelude::*;
+
+use super::flanks::{FlatIndex, flanks_of};
+use super::frame::basis;
+use super::sheet::{LevelPrior, Sample};
+use super::site::{Model, Site};
+use super::view::{Seen, View};
+use super::wedge::{Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
+use crate::grid::MaterialId;
+use crate::volume;
+
+/// Voxels along a block whose junction cells share a fit.
+const BLOCK: usize = 5;
+/// Radius of the ball of the rough fits and of the later ones, blur units.
+const ROUGH: f64 = 3.0;
+const FULL: f64 = 4.2;
+/// Later fits look so far along the curve, blur units, but not where it has turned by more than this (radians): it is
+/// the longer look that tells where a weak interface ends at a strong one.
+const ALONG: f64 = 5.0;
+const TURN: f64 = 0.5;
+/// How far around a seed labels are looked at, voxels.
+const AROUND: f64 = 7.0;
+/// Junction cells around a seed that tell the direction lie within this distance, voxels.
+const SPREAD: f64 = 6.0;
+/// Standard deviation of grey levels, as a share of the smallest contrast, beside what the levels say.
+const LEVEL: f64 = 0.03;
+/// Standard deviation of the logarithm of sigma.
+const SIGMA: f64 = 0.1;
+/// Standard deviation of curvatures, per blur unit.
+const CURVATURE: f64 = 0.05;
+/// The models' own errors, as a share of the largest contrast.
+const MODEL: f64 = 0.0005;
+/// What the curved model must gain in chi squared.
+const GAIN: f64 = 12.0;
+/// Largest standard deviation of the curve's place, blur units.
+const UNSURE: f64 = 0.4;
+/// The curve may move this far from its seed, blur units.
+const FARTHEST: f64 = 5.0;
+
+/// Fits the junction curves whose blocks begin in the slices `core`.
+#[must_use]
+pub(super) fn junction_sites<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    core: Range<usize>,
+) -> Vec<Site> {
+    let last = view.slab.size()[2] - 1;
+    let seeds: Vec<Seed> = blocks_of(&core, BLOCK)
+        .into_par_iter()
+        .flat_map_iter(|b| seeds(view, b * BLOCK..((b + 1) * BLOCK).min(last)))
+        .collect();
+    seeds.par_iter().filter_map(|seed| fit(view, flats, seed)).collect()
+}
+
+/// The layers of blocks (of `side` slices) that begin in the slices `core`.
+#[must_use]
+pub(super) fn blocks_of(core: &Range<usize>, side: usize) -> Range<usize> {
+    core.start.div_ceil(side)..core.end.div_ceil(side)
+}
+
+/// Junction cells of a block with the same three materials.
+struct Seed {
+    materials: [MaterialId; 3],
+    /// Their mean, voxels.
+    at: DVec3,
+}
+
+/// The materials at the corners of the cell with this lowest voxel, ascending; `None` beyond the volume.
+fn materials_of<S: volume::Sample>(view: &View<'_, S>, low: [usize; 3]) -> Option<Vec<MaterialId>> {
+    let size = view.slab.size();
+    if (0..3).any(|a| low[a] + 1 >= size[a]) || !view.slab.slices().contains(&(low[2] + 1)) {
+        return None;
+    }
+    let mut out: Vec<MaterialId> = Vec::with_capacity(4);
+    for c in 0..8 {
+        let label = view.label([low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)]);
+        if let Err(at) = out.binary_search(&label) {
+            out.insert(at, label);
+        }
+    }
+    Some(out)
+}
+
+/// The seeds of a layer of blocks.
+fn seeds<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<Seed> {
+    let mut cells: Vec<([usize; 2], [MaterialId; 3], DVec3)> = Vec::new();
+    for z in slices {
+        let mut last = None;
+        let mut rows: Vec<[usize; 2]> = Vec::new();
+        super::crossing_edges::crossing_edges(view.labels, z, |[x, y, _], _| {
+            // Cells that have this edge among their lower ones; every junction cell has such an edge in one of
+            // its two lower planes of edges.
+            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                if x >= dx && y >= dy {
+                    rows.push([y - dy, x - dx]);
+                }
+            }
+            last = Some(());
+        });
+        if last.is_none() {
+            continue;
+        }
+        rows.sort_unstable();
+        rows.dedup();
+        for [y, x] in rows {
+            if let Some(m) = materials_of(view, [x, y, z])
+                && let [a, b, c] = m[..]
+            {
+                let at = DVec3::new(x as f64, y as f64, z as f64) + 0.5;
+                cells.push(([y / BLOCK, x / BLOCK], [a, b, c], at));
+            }
+        }
+    }
+    cells.sort_by_key(|c| (c.0, c.1));
+    cells
+        .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
+        .map(|group| Seed {
+            materials: group[0].1,
+            at: group.iter().map(|c| c.2).sum::<DVec3>() / group.len() as f64,
+        })
+        .collect()
+}
+
+/// Direction of the curve, and rays with the sectors between them (indices into the seed's materials).
+struct Start {
+    direction: DVec3,
+    rays: [DVec3; 3],
+    sectors: [usize; 3],
+}
+
+fn start<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Start> {
+    let (size, slices) = (view.slab.size(), view.slab.slices());
+    let low: [usize; 3] = std::array::from_fn(|a| (seed.at[a] - AROUND).max(0.0) as usize);
+    let end: [usize; 3] = std::array::from_fn(|a| ((seed.at[a] + AROUND) as usize + 1).min(size[a]));
+    let mut spread: Vec<DVec3> = Vec::new();
+    let mut sums = [[DVec3::ZERO; 3]; 3];
+    let index = |m: MaterialId| seed.materials.iter().position(|&other| other == m);
+    for z in low[2].max(slices.start)..end[2].min(slices.end) {
+        for y in low[1]..end[1] {
+            for x in low[0]..end[0] {
+                let here = view.label([x, y, z]);
+                let voxel = DVec3::new(x as f64, y as f64, z as f64);
+                let mut differs = false;
+                for axis in 0..3 {
+                    let mut to = [x, y, z];
+                    to[axis] += 1;
+                    if to[axis] >= end[axis].min(if axis == 2 { slices.end } else { size[axis] }) {
+                        continue;
+                    }
+                    let there = view.label(to);
+                    if there == here {
+                        continue;
+                    }
+                    differs = true;
+                    let at = voxel + 0.5 * DVec3::AXES[axis] - seed.at;
+                    if at.length() <= AROUND
+                        && let (Some(i), Some(j)) = (index(here), index(there))
+                    {
+                        sums[i.min(j)][i.max(j)] += view.units.of(at);
+                    }
+                }
+                let cell = voxel + 0.5 - seed.at;
+                if cell.length() <= SPREAD
+                    && (differs || here != seed.materials[0])
+                    && materials_of(view, [x, y, z]).is_some_and(|m| m[..] == seed.materials)
+                {
+                    spread.push(view.units.of(cell));
+                }
+            }
+        }
+    }
+    let mean = spread.iter().copied().sum::<DVec3>() / spread.len().max(1) as f64;
+    let mut matrix = Matrix3::<f64>::zeros();
+    for p in &spread {
+        let d = *p - mean;
+        let d = nalgebra::Vector3::new(d.x, d.y, d.z);
+        matrix += d * d.transpose();
+    }
+    let eigen = SymmetricEigen::new(matrix);
+    let v = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let direction = DVec3::new(v[0], v[1], v[2]).try_normalize()?;
+    let [e1, e2, _] = basis(direction);
+    let mut rays: Vec<(f64, DVec3, [usize; 2])> = Vec::with_capacity(3);
+    for pair in [[0, 1], [0, 2], [1, 2]] {
+        let sum = sums[pair[0]][pair[1]];
+        let ray = (sum - direction * sum.dot(direction)).try_normalize()?;
+        rays.push((f64::atan2(ray.dot(e2), ray.dot(e1)), ray, pair));
+    }
+    rays.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut sectors = [0; 3];
+    for i in 0..3 {
+        let (here, next) = (rays[i].2, rays[(i + 1) % 3].2);
+        sectors[i] = *here.iter().find(|k| next.contains(k))?;
+    }
+    Some(Start { direction, rays: [rays[0].1, rays[1].1, rays[2].1], sectors })
+}
+
+/// The fit of a seed, if it is accepted.
+fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
+    let start = start(view, seed)?;
+    let materials = start.sectors.map(|k| seed.materials[k]);
+    let prior = prior(view, seed.at, materials);
+    let levels = prior.levels;
+    let mut seen: Vec<Seen> = Vec::new();
+    let mut samples: Vec<Sample> = Vec::new();
+    let mut wedge =
+        Wedge::<3, JUNCTION>::new(DVec3::ZERO, start.direction, start.rays, levels.map(|l| l.mean));
+    for _ in 0..2 {
+        take(view, seed.at, wedge.origin, ROUGH, &mut seen, &mut samples);
+        wedge = wedge.fit(&samples, &[], &prior, Stage::Rough)?.wedge.recentred(0.0);
+        if wedge.origin.length() > FARTHEST {
+            return None;
+        }
+    }
+    finish(view, flats, seed.at, wedge, materials, &prior)
+}
+
+/// What is known before the fits at a place.
+fn prior<S: volume::Sample>(view: &View<'_, S>, at: DVec3, materials: [MaterialId; 3]) -> Prior<3> {
+    let levels: [LevelPrior; 3] = materials.map(|m| view.level(m, at));
+    let mut sorted = levels.map(|l| l.mean);
+    sorted.sort_by(f64::total_cmp);
+    let smallest = (sorted[1] - sorted[0]).min(sorted[2] - sorted[1]);
+    Prior {
+        levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(LEVEL * smallest) }),
+        noise: view.noise(&materials).hypot(MODEL * (sorted[2] - sorted[0])),
+        log_sigma: SIGMA,
+        curvature: CURVATURE,
+        bends: [None; 3],
+    }
+}
+
+/// Fits sites again, with patches on their flanks, those whose window's middle lies in the slices `core`; one that
+/// then explains less stays as it was.
+#[must_use]
+pub(super) fn refine<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    sites: &[Site],
+    core: &Range<usize>,
+) -> Vec<Site> {
+    let own = |site: &&Site| core.contains(&(site.middle.z.max(0.0) as usize));
+    let own: Vec<&Site> = sites.iter().filter(own).collect();
+    own.par_iter()
+        .map(|&site| {
+            let Model::Junction(fit) = &site.model else { return site.clone() };
+            let prior = prior(view, site.at, site.materials);
+            finish(view, flats, site.middle, fit.wedge.recentred(0.0), site.materials, &prior)
+                .unwrap_or_else(|| site.clone())
+        })
+        .collect()
+}
+
+/// The later fits, from a rough one; the site, if it is accepted.
+fn finish<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    middle: DVec3,
+    mut wedge: Wedge<3, JUNCTION>,
+    materials: [MaterialId; 3],
+    prior: &Prior<3>,
+) -> Option<Site> {
+    let mut seen: Vec<Seen> = Vec::new();
+    let mut samples: Vec<Sample> = Vec::new();
+    let mut last: Option<WedgeFit<3, JUNCTION>> = None;
+    let mut on: Vec<Flank> = Vec::new();
+    for pass in 0..2 {
+        let along = ALONG.min(TURN / wedge.bend().max(1e-9));
+        take(view, middle, wedge.origin, FULL.hypot(along), &mut seen, &mut samples);
+        samples.retain(|s| {
+            let (r, z) = wedge.section(s.at);
+            r.length_squared() <= FULL * FULL && z.abs() <= along
+        });
+        let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
+        let prior = &Prior { bends, ..*prior };
+        let planar = wedge.fit(&samples, &on, prior, Stage::Planar)?;
+        let curved = planar.wedge.fit(&samples, &on, prior, Stage::Curved);
+        let best = match curved {
+            Some(c) if c.fit.chi2 + c.fit.strain + GAIN < planar.fit.chi2 + planar.fit.strain => c,
+            _ => planar,
+        };
+        wedge = best.wedge.recentred(0.0);
+        let still = best.wedge.apex(0.0).length() < 0.1;
+        last = Some(best);
+        // What a pass reads beyond its slices is enough up to here.
+        if wedge.origin.length() > FARTHEST {
+            return None;
+        }
+        if pass == 0 && still {
+            break;
+        }
+    }
+    let fit = last?;
+    let accepted = fit.wedge.apex(0.0).length() < 1.0
+        && fit.wedge.origin.length() <= FARTHEST
+        && fit.apex_sigma(0.0)[1] < UNSURE
+        && explained(&fit, prior.noise, range_of(&prior.levels))
+        && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA
+        && fit.wedge.angles().iter().all(|a| *a > SMALLEST_ANGLE);
+    if !accepted {
+        return None;
+    }
+    let at = middle + view.units.voxel(fit.wedge.point(0.0));
+    Some(Site { middle, at, materials, model: Model::Junction(Box::new(fit)) })
+}
+
+/// Difference of the largest and the smallest level.
+fn range_of(levels: &[LevelPrior]) -> f64 {
+    let ends =
+        levels.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(l.mean), b.max(l.mean)]);
+    ends[1] - ends[0]
+}
+
+/// Residuals up to this share of the contrast are the model's: with little noise they would be seen.
+const RESIDUAL: f64 = 0.008;
+
+/// Whether a wedge explains its grey values: as well as noise allows, or but for a small share of the contrast.
+#[must_use]
+pub(super) fn explained<const R: usize, const N: usize>(
+    fit: &WedgeFit<R, N>,
+    noise: f64,
+    contrast: f64,
+) -> bool {
+    let n = fit.samples as f64;
+    fit.reduced() < 1.0 + 7.0 * (2.0 / n).sqrt() || fit.reduced().sqrt() * noise < RESIDUAL * contrast
+}
+
+/// The samples of a ball about `centre` (blur units from `middle`), in blur units from `middle`.
+pub(super) fn take<S: volume::Sample>(
+    view: &View<'_, S>,
+    middle: DVec3,
+    centre: DVec3,
+    radius: f64,
+    seen: &mut Vec<Seen>,
+    out: &mut Vec<Sample>,
+) {
+    view.ball(middle + view.units.voxel(centre), radius, seen);
+    out.clear();
+    out.extend(seen.iter().map(|s| Sample { at: s.sample.at + centre, ..s.sample }));
+}

@@ -1,0 +1,142 @@
+//! The passes over the volume, each a function from slices with a halo to what belongs to the slices without.
+//!
+//! 1. [`find_junctions`]: junction curves, from labels and grey values.
+//! 2. [`find_sheets`]: patches of single interfaces, away from those curves; and where they are no smooth sheets.
+//! 3. [`find_curves`]: junction curves again, with patches on their flanks; sharp edges.
+//! 4. [`models`]: labels that agree with all curves, patches away from all of them, labels that agree with those.
+//!
+//! What the first three find is kept for the whole volume (it follows the curves); each pass reads
+//! [`halo`] slices beyond its own.
+
+use std::ops::Range;
+
+use super::edge_sites::edge_sites;
+use super::flanks::FlatIndex;
+use super::frame::BlurUnits;
+use super::junction_sites::{blocks_of, junction_sites, refine};
+use super::patches::{BLOCK, Flat, Patches, Rough};
+use super::site::Site;
+use super::sites::Sites;
+use super::view::View;
+use crate::classify::{BitPlanes, LabelVolume};
+use crate::volume::Sample;
+
+/// Slices that the passes read on each side of their own.
+#[must_use]
+pub fn halo(units: BlurUnits) -> usize {
+    // A window's middle is moved, then a ball is taken about it; and labels are looked at around.
+    let reach = 10.0 / units.per_voxel.z;
+    reach.ceil() as usize + 8
+}
+
+/// [`halo`] at most: for a blur of sigma 3.2 voxels along z. Models are not used for a wider one.
+pub const MOST_HALO: usize = 40;
+
+/// Patches of single interfaces, and where crossings are no smooth sheet.
+#[derive(Debug, Default)]
+pub struct Sheets {
+    /// Patches.
+    pub flats: Vec<Flat>,
+    /// Blocks without.
+    pub rough: Vec<Rough>,
+}
+
+impl Sheets {
+    /// Adds those of the next slices.
+    pub fn append(&mut self, mut next: Self) {
+        self.flats.append(&mut next.flats);
+        self.rough.append(&mut next.rough);
+    }
+}
+
+/// Pass 1, of the slices `core`.
+#[must_use]
+pub fn find_junctions<S: Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<Site> {
+    junction_sites(view, &FlatIndex::new(&[]), core)
+}
+
+/// Pass 2, of the slices `core`; `junctions` are those of the whole volume.
+#[must_use]
+pub fn find_sheets<S: Sample>(view: &View<'_, S>, junctions: &Sites, core: Range<usize>) -> Sheets {
+    let Relabelled { labels, zone, tainted, .. } = Relabelled::new(view, junctions);
+    let uncertain = uncertain(view, &zone, &tainted);
+    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
+    let Patches { flats, rough, .. } = Patches::fit(&around, blocks_of(&core, BLOCK));
+    Sheets { flats, rough }
+}
+
+/// Pass 3, of the slices `core`; `junctions` and `sheets` are those of the whole volume.
+#[must_use]
+pub fn find_curves<S: Sample>(
+    view: &View<'_, S>,
+    junctions: &Sites,
+    sheets: &Sheets,
+    core: Range<usize>,
+) -> Vec<Site> {
+    let flats = FlatIndex::new(&sheets.flats);
+    let mut found = refine(view, &flats, junctions.all(), &core);
+    let Relabelled { labels, zone, tainted, .. } = Relabelled::new(view, junctions);
+    let uncertain = uncertain(view, &zone, &tainted);
+    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
+    found.extend(edge_sites(&around, &flats, &sheets.rough, core));
+    found
+}
+
+/// Labels that agree with the curves, patches away from them.
+#[derive(Debug)]
+pub struct Models {
+    /// Labels of the slices that were seen; those of the core and its neighbours are right.
+    pub labels: LabelVolume,
+    /// Voxels that curves speak for.
+    pub zone: BitPlanes,
+    /// Sheets.
+    pub patches: Patches,
+}
+
+/// Pass 4, of the slices `core` and `beyond` more on each side; `curves` are those of the whole volume.
+#[must_use]
+pub fn models<S: Sample>(view: &View<'_, S>, curves: &Sites, core: Range<usize>, beyond: usize) -> Models {
+    let Relabelled { mut labels, zone, tainted } = Relabelled::new(view, curves);
+    let uncertain = uncertain(view, &zone, &tainted);
+    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
+    let depth = view.slab.size()[2];
+    // The cells of the core reach one slice beyond it, and their edges' upper ends one more.
+    let slices = core.start.saturating_sub(2 + beyond)..(core.end + 3 + beyond).min(depth);
+    let patches = Patches::fit(&around, slices.start / BLOCK..slices.end.div_ceil(BLOCK));
+    patches.relabel(&view.units, &mut labels, &zone, slices);
+    Models { labels, zone, patches }
+}
+
+/// What curves make of labels.
+struct Relabelled {
+    labels: LabelVolume,
+    /// Voxels that curves speak for, and those near them.
+    zone: BitPlanes,
+    tainted: BitPlanes,
+}
+
+impl Relabelled {
+    fn new<S: Sample>(view: &View<'_, S>, sites: &Sites) -> Self {
+        let mut labels = view.labels.clone();
+        let planes = || BitPlanes::window(view.slab.size(), 1, labels.codes().slices());
+        let (mut zone, mut tainted) = (planes(), planes());
+        sites.relabel(&mut labels, &mut zone, &mut tainted);
+        Self { labels, zone, tainted }
+    }
+}
+
+/// Voxels near curves, and those that were uncertain before and for which no curve speaks.
+fn uncertain<S: Sample>(view: &View<'_, S>, zone: &BitPlanes, tainted: &BitPlanes) -> BitPlanes {
+    let mut out = tainted.clone();
+    let words = out.words();
+    let before = view.uncertain;
+    out.fill_slices(|z, mut slice| {
+        for y in 0..tainted.padded()[1] {
+            let row = slice.row(0, y);
+            for (w, word) in row.iter_mut().enumerate().take(words) {
+                *word |= before.row(0, y, z)[w] & !zone.row(0, y, z)[w];
+            }
+        }
+    });
+    out
+}

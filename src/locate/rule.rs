@@ -1,0 +1,197 @@
+//! Crossings by the models: what contouring asks for.
+
+use glam::{DVec2, DVec3};
+
+use super::frame::BlurUnits;
+use super::passage::Passage;
+use super::patches::Patches;
+use super::sites::{CurveKind, FARTHER, Sites};
+use crate::classify::BitPlanes;
+use crate::contour::{CROSSING_MARGIN, CrossingRule, Node};
+use crate::grid::MaterialId;
+
+/// A crossing found by a model may lie this far beyond its edge (in edge lengths) and is put to the edge's end;
+/// farther, the model is not of this interface.
+const BEYOND: f64 = 0.5;
+
+/// A distance that rises less than this along an edge (blur units) has no place on it.
+const FLATTEST: f64 = 1e-3;
+/// The interface may be so far from the place found, blur units: at the end of the search.
+const LEFT: f64 = 0.2;
+
+/// What the models say, for a part of the volume; where they say nothing another rule does.
+#[derive(Debug)]
+pub struct Located<'a, C> {
+    /// Where nothing is known.
+    pub otherwise: C,
+    /// Voxels that sites speak for.
+    pub zone: &'a BitPlanes,
+    /// Curves.
+    pub sites: &'a Sites,
+    /// Sheets.
+    pub patches: &'a Patches,
+    /// The blur.
+    pub units: BlurUnits,
+    /// By how much standard deviations are larger than for white noise.
+    pub inflation: f64,
+}
+
+/// A crossing by a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Fraction of the edge, not yet kept off its ends.
+    pub position: f64,
+    /// Normal in blur units from the material at the lower end to the other.
+    pub normal: DVec3,
+    /// Standard deviation along the normal, voxels.
+    pub sigma: f64,
+}
+
+impl<C: CrossingRule> Located<'_, C> {
+    /// The crossing on an edge, in padded coordinates.
+    #[must_use]
+    pub fn find(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found> {
+        let mut to = from;
+        to[axis] += 1;
+        let near_curve = [from, to].iter().any(|p| self.zone.bit(0, p[0], p[1], p[2]));
+        let voxel = from.map(|c| c - 1);
+        if !near_curve {
+            return self.by_patch(voxel, axis, labels);
+        }
+        let middle = DVec3::from(voxel.map(|c| c as f64)) + 0.5 * DVec3::AXES[axis];
+        let Some(answer) = self.sites.at(middle).or_else(|| self.sites.within(middle, FARTHER)) else {
+            return self.by_patch(voxel, axis, labels);
+        };
+        if answer.yields
+            && let Some(found) = self.by_patch(voxel, axis, labels)
+        {
+            return Some(found);
+        }
+        let step = DVec3::AXES[axis] * self.units.per_voxel[axis];
+        let start = answer.at - step * 0.5;
+        let passage = |t: f64| answer.site.passage(labels, start + step * t);
+        if let Some(t) = answer.site.change(labels, start, step)
+            && let Some(p) = passage(t)
+        {
+            return Some(Found { position: t, normal: p.normal, sigma: self.voxels(p.sigma) });
+        }
+        self.solve(passage).or_else(|| self.by_patch(voxel, axis, labels))
+    }
+
+    /// A standard deviation in blur units, as for white noise, in voxels as it is.
+    fn voxels(&self, sigma: f64) -> f64 {
+        sigma * self.units.mean_voxels * self.inflation
+    }
+
+    /// By the patch of the block of the edge's lower end, or of its upper end.
+    fn by_patch(&self, voxel: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found> {
+        let rising = labels[0] < labels[1];
+        let pair = if rising { labels } else { [labels[1], labels[0]] };
+        let mut next = voxel;
+        next[axis] += 1;
+        let start = DVec3::from(voxel.map(|c| c as f64));
+        [voxel, next].into_iter().find_map(|block_of| {
+            self.solve(|t| {
+                let at = start + DVec3::AXES[axis] * t;
+                let passage = self.patches.passage(&self.units, block_of, pair, at)?;
+                Some(if rising { passage } else { passage.reversed() })
+            })
+        })
+    }
+
+    /// The place on an edge where a distance is zero, by the secant method. The distance rises along the edge.
+    fn solve(&self, passage: impl Fn(f64) -> Option<Passage>) -> Option<Found> {
+        let mut before = (0.0, passage(0.0)?.distance);
+        let mut at = 1.0;
+        let mut here = passage(at)?;
+        for _ in 0..4 {
+            let slope = (here.distance - before.1) / (at - before.0);
+            if slope <= FLATTEST {
+                return None;
+            }
+            let next = (at - here.distance / slope).clamp(-BEYOND, 1.0 + BEYOND);
+            if (next - at).abs() < 1e-6 {
+                break;
+            }
+            before = (at, here.distance);
+            at = next;
+            here = passage(at)?;
+        }
+        let sigma = self.voxels(here.sigma);
+        (here.distance.abs() <= LEFT).then_some(Found { position: at, normal: here.normal, sigma })
+    }
+}
+
+impl<C: CrossingRule> Located<'_, C> {
+    /// Where a curve of the asked kind passes the face across `axis` with lowest padded corner `low`.
+    fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Node> {
+        let mut corners = [low; 4];
+        for (c, corner) in corners.iter_mut().enumerate() {
+            corner[(axis + 1) % 3] += c & 1;
+            corner[(axis + 2) % 3] += c >> 1;
+        }
+        if !corners.iter().any(|p| self.zone.bit(0, p[0], p[1], p[2])) {
+            return None;
+        }
+        let voxel = DVec3::from(low.map(|c| c as f64 - 1.0));
+        let mut middle = voxel + 0.5;
+        middle[axis] -= 0.5;
+        let answer = self.sites.nearest(middle, kind)?;
+        let (at, sigma) = answer.site.pierces(axis, voxel[axis], self.units.per_voxel, FAR)?;
+        let offset = at - voxel;
+        let flat = DVec2::new(offset[(axis + 1) % 3], offset[(axis + 2) % 3]);
+        if flat.min_element() < -ASIDE || flat.max_element() > 1.0 + ASIDE {
+            return None;
+        }
+        let mut at = offset.as_vec3().to_array();
+        at[axis] = 0.0;
+        Some(Node { at, sigma: self.voxels(sigma) as f32 })
+    }
+}
+
+/// A curve may pass a face so far outside of it (in edges) and is put to its side: it passes a neighbour, whose
+/// labels say otherwise.
+const ASIDE: f64 = 0.25;
+/// A curve is followed so far along from the middle of its fit, blur units.
+const FAR: f64 = 4.5;
+
+impl<C: CrossingRule> CrossingRule for Located<'_, C> {
+    #[inline]
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        self.located(from, axis, labels).unwrap_or(0.5)
+    }
+
+    fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
+        match self.find(from, axis, labels) {
+            Some(found) => Some((found.position as f32).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN)),
+            None => self.otherwise.located(from, axis, labels),
+        }
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        self.otherwise.joins_first(ring, labels)
+    }
+
+    fn has_sigmas(&self) -> bool {
+        true
+    }
+
+    fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        match self.find(from, axis, labels) {
+            Some(found) => found.sigma as f32,
+            None => self.otherwise.sigma(from, axis, labels),
+        }
+    }
+
+    fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        self.pierced(low, axis, CurveKind::Junction)
+    }
+
+    fn has_kinks(&self) -> bool {
+        true
+    }
+
+    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        self.pierced(low, axis, CurveKind::Edge)
+    }
+}

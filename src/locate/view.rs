@@ -1,0 +1,147 @@
+//! What the fits look at: grey values, labels, and what is known of the scan, in one place.
+
+use glam::DVec3;
+
+use super::frame::BlurUnits;
+use super::sheet::{LevelPrior, Sample};
+use crate::classify::{BitPlanes, LabelVolume};
+use crate::grid::MaterialId;
+use crate::material::Levels;
+use crate::volume::{self, Slab};
+
+/// What is known of a scan before its interfaces are located.
+#[derive(Debug, Clone)]
+pub struct Scan {
+    /// The blur, averaging over a voxel included.
+    pub units: BlurUnits,
+    /// Grey level of each material, anywhere in the volume.
+    pub levels: Levels,
+    /// Standard deviation of a grey value in each material; positive.
+    pub noise: Vec<f64>,
+    /// By how much standard deviations of fits are larger than for white noise.
+    pub inflation: f64,
+}
+
+impl Scan {
+    /// The scan, seen through some slices.
+    #[must_use]
+    pub fn view<'a, S>(
+        &'a self,
+        slab: Slab<'a, S>,
+        labels: &'a LabelVolume,
+        uncertain: &'a BitPlanes,
+    ) -> View<'a, S> {
+        View { scan: self, slab, labels, uncertain, units: self.units }
+    }
+}
+
+/// Grey values and labels of some slices, and what is known of the scan.
+pub struct View<'a, S> {
+    /// Grey values.
+    pub slab: Slab<'a, S>,
+    /// Labels of the same slices.
+    pub labels: &'a LabelVolume,
+    /// Voxels that no single interface explains: labels are not certain, or a curve is near.
+    pub uncertain: &'a BitPlanes,
+    /// The scan.
+    pub scan: &'a Scan,
+    /// The scan's blur.
+    pub units: BlurUnits,
+}
+
+/// A voxel seen from a fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Its label.
+    pub label: MaterialId,
+    /// Whether no single interface explains it.
+    pub uncertain: bool,
+    /// Place in blur units from the middle of the ball; grey value without the drift of its material's level.
+    pub sample: Sample,
+}
+
+impl<S: volume::Sample> View<'_, S> {
+    /// The label of a voxel.
+    #[inline]
+    #[must_use]
+    pub fn label(&self, voxel: [usize; 3]) -> MaterialId {
+        self.labels.at(voxel.map(|c| c + 1))
+    }
+
+    /// Whether no single interface explains a voxel.
+    #[inline]
+    #[must_use]
+    pub fn is_uncertain(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.uncertain.bit(0, x + 1, y + 1, z + 1)
+    }
+
+    /// The voxels of the ball of `radius` blur units about `centre` (voxels), as far as they are here.
+    pub fn ball(&self, centre: DVec3, radius: f64, out: &mut Vec<Seen>) {
+        out.clear();
+        let r = self.units.voxel(DVec3::splat(radius));
+        let (size, slices) = (self.slab.size(), self.slab.slices());
+        let low: [usize; 3] = std::array::from_fn(|a| (centre[a] - r[a]).ceil().max(0.0) as usize);
+        let end: [usize; 3] =
+            std::array::from_fn(|a| ((centre[a] + r[a]).floor() + 1.0).clamp(0.0, size[a] as f64) as usize);
+        let drift = self.drift(centre);
+        for z in low[2].max(slices.start)..end[2].min(slices.end) {
+            for y in low[1]..end[1] {
+                let flat = DVec3::new(0.0, y as f64 - centre.y, z as f64 - centre.z) * self.units.per_voxel;
+                let half = radius * radius - flat.length_squared();
+                if half < 0.0 {
+                    continue;
+                }
+                let row = self.slab.row(y, z);
+                for (x, value) in row.iter().enumerate().take(end[0]).skip(low[0]) {
+                    let at = flat + DVec3::X * ((x as f64 - centre.x) * self.units.per_voxel.x);
+                    if at.x * at.x > half {
+                        continue;
+                    }
+                    let label = self.label([x, y, z]);
+                    let slope = drift.get(usize::from(label.0)).copied().unwrap_or(DVec3::ZERO);
+                    let grey = f64::from(value.to_f32()) - slope.dot(at);
+                    out.push(Seen {
+                        label,
+                        uncertain: self.is_uncertain([x, y, z]),
+                        sample: Sample { at, grey },
+                    });
+                }
+            }
+        }
+    }
+
+    /// By how much each material's level changes per blur unit.
+    fn drift(&self, centre: DVec3) -> Vec<DVec3> {
+        let step = 2.0;
+        (0..self.scan.noise.len())
+            .map(|m| {
+                let id = MaterialId(m as u8);
+                let slope = |a: usize| {
+                    let d = self.units.voxel(DVec3::AXES[a] * step);
+                    (self.mean(id, centre + d) - self.mean(id, centre - d)) / (2.0 * step)
+                };
+                DVec3::new(slope(0), slope(1), slope(2))
+            })
+            .collect()
+    }
+
+    /// Grey level of a material at a place in voxels.
+    #[must_use]
+    pub fn mean(&self, material: MaterialId, voxel: DVec3) -> f64 {
+        f64::from(self.scan.levels.mean(material, voxel.as_vec3().to_array()))
+    }
+
+    /// The same with its standard deviation.
+    #[must_use]
+    pub fn level(&self, material: MaterialId, voxel: DVec3) -> LevelPrior {
+        let sigma = f64::from(self.scan.levels.sigma(material, voxel.as_vec3().to_array()));
+        LevelPrior { mean: self.mean(material, voxel), sigma }
+    }
+
+    /// Standard deviation of a grey value where these materials meet.
+    #[must_use]
+    pub fn noise(&self, materials: &[MaterialId]) -> f64 {
+        let sum: f64 = materials.iter().map(|m| self.scan.noise[usize::from(m.0)].powi(2)).sum();
+        (sum / materials.len().max(1) as f64).sqrt()
+    }
+}

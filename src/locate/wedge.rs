@@ -1,0 +1,562 @@
+//! Where sheets meet in a curve: blurred sectors about a curved axis, fitted to grey values.
+//!
+//! With three sheets it is a junction curve, with two a sharp edge of one interface. Formulas:
+//! `../shared/notes/junctions.md`, "Method", here in blur units (sigma one). Sections across the axis t are polar:
+//! sheet i leaves the apex `a(z)` in direction `theta_i`; counter-clockwise of it lies sector i. With
+//! `r = q - a(z)`, `c_i = u_i . r`, `d_i = u_i x r` the share of a round Gaussian about r between the direction
+//! -r and ray i is `C_i` (a wedge, tabulated), and the grey value is
+//! `v = mu_ref + sum_i (mu_{i-1} - mu_i) C_i`, where `ref` is the sector in direction -r. Its derivatives are closed:
+//! what passes a ray when it moves is the line integral of the Gaussian along it.
+//!
+//! The apex runs along `a0 + a1 z + a2 z^2 / 2`, sheet i curves by `k_i`; blurred, both are raised by half their
+//! curvature (as the trace in `sheet.rs`). A factor on sigma is fitted, too, and the grey levels.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DMat3, DVec2, DVec3};
+use nalgebra::SVector;
+
+use super::frame::basis;
+use super::gauss::{TABLES, Tables};
+use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::sheet::{LevelPrior, Sample};
+
+/// Places of the parameters of a wedge with `R` rays.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Places<const R: usize>;
+
+impl<const R: usize> Places<R> {
+    const A0: usize = 0;
+    const A1: usize = 2;
+    const THETA: usize = 4;
+    const K: usize = 4 + R;
+    const A2: usize = 4 + 2 * R;
+    const MU: usize = 6 + 2 * R;
+    const SIGMA: usize = 6 + 3 * R;
+}
+
+/// Parameters of a wedge with three rays, and with two.
+pub(super) const JUNCTION: usize = 16;
+/// See [`JUNCTION`].
+pub(super) const EDGE: usize = 13;
+
+/// A wedge in blur units about its window's middle.
+#[derive(Debug, Clone)]
+pub struct Wedge<const R: usize, const N: usize> {
+    /// Where z is zero.
+    pub origin: DVec3,
+    /// Columns: two axes of the section, and the direction of the curve.
+    pub axes: DMat3,
+    /// The parameters.
+    pub x: SVector<f64, N>,
+}
+
+/// A wedge and how well it fits.
+#[derive(Debug, Clone)]
+pub struct WedgeFit<const R: usize, const N: usize> {
+    /// The wedge.
+    pub wedge: Wedge<R, N>,
+    /// The fit; its parameters are the wedge's.
+    pub fit: Fit<N>,
+    /// Samples used.
+    pub samples: usize,
+}
+
+/// What a voxel sees of one ray.
+#[derive(Clone, Copy)]
+struct Ray {
+    /// Place of the voxel along the ray and to its left.
+    c: f64,
+    d: f64,
+    /// The density across and the share along, at c and d.
+    across: f64,
+    along: f64,
+    /// Share between the direction away from the voxel and the ray.
+    share: f64,
+    /// Angle from that direction, 0 to 2 pi.
+    angle: f64,
+    /// Left of the ray.
+    normal: DVec2,
+    /// By how much a unit of curvature moves what passes the ray; derivative after it.
+    bend: f64,
+}
+
+/// A place on one of the sheets, known from a fit of that interface alone away from the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flank {
+    /// Which sheet.
+    pub ray: usize,
+    /// The place, blur units from the window's middle.
+    pub at: DVec3,
+    /// Standard deviation along the sheet's normal, blur units.
+    pub sigma: f64,
+}
+
+struct Blurred<'a, const R: usize, const N: usize> {
+    samples: &'a [Sample],
+    flanks: &'a [Flank],
+    origin: DVec3,
+    into: DMat3,
+    weight: f64,
+}
+
+/// The section that a point q (in the frame) lies in: z where the curve `a0 + a1 z + a2 z^2 / 2` is nearest, and q seen
+/// from the curve there, in the plane normal to it. A line's is exact, a parabola's by two steps of Newton's method.
+#[inline]
+fn section_of(q: DVec3, a0: DVec2, a1: DVec2, a2: DVec2, raise: f64) -> (f64, DVec2) {
+    let place = DVec2::new(q.x, q.y);
+    let straight = a2 == DVec2::ZERO;
+    let mut z = q.z;
+    if straight {
+        z = (z + (place - a0).dot(a1)) / (1.0 + a1.length_squared());
+    } else {
+        for _ in 0..2 {
+            let along = a1 + a2 * z;
+            let off = place - (a0 + a1 * z + a2 * (0.5 * z * z));
+            let f = q.z - z + off.dot(along);
+            z += f / (1.0 + along.length_squared() - off.dot(a2)).max(0.3);
+        }
+    }
+    let along = a1 + a2 * z;
+    let mut off = place - (a0 + a1 * z + a2 * (0.5 * z * z));
+    if !straight {
+        // Blurred along the curve, a point is raised by half the curvature of its own circle about the curve's
+        // centre.
+        off -= a2 * (0.5 * raise / (1.0 - off.dot(a2)).max(0.3));
+    }
+    // Lengths along the tilt are seen shortened in a plane of constant z.
+    let tilt = along.length_squared();
+    let stretch = if tilt > 1e-6 { ((1.0 + tilt).sqrt() - 1.0) / tilt } else { 0.5 };
+    (z, off + along * (off.dot(along) * stretch))
+}
+
+/// Parameters, as every voxel needs them.
+struct Known<const R: usize> {
+    a0: DVec2,
+    a1: DVec2,
+    a2: DVec2,
+    /// One over the factor on sigma, and its square's inverse.
+    shrink: f64,
+    sigma2: f64,
+    theta: [f64; R],
+    u: [DVec2; R],
+    k: [f64; R],
+    mu: [f64; R],
+}
+
+impl<const R: usize> Known<R> {
+    fn new<const N: usize>(x: &SVector<f64, N>) -> Self {
+        let vec = |i: usize| DVec2::new(x[i], x[i + 1]);
+        let shrink = (-x[Places::<R>::SIGMA]).exp();
+        Self {
+            a0: vec(Places::<R>::A0),
+            a1: vec(Places::<R>::A1),
+            a2: vec(Places::<R>::A2),
+            shrink,
+            sigma2: 1.0 / (shrink * shrink),
+            theta: std::array::from_fn(|i| x[Places::<R>::THETA + i]),
+            u: std::array::from_fn(|i| DVec2::from_angle(x[Places::<R>::THETA + i])),
+            k: std::array::from_fn(|i| x[Places::<R>::K + i] / shrink),
+            mu: std::array::from_fn(|i| x[Places::<R>::MU + i]),
+        }
+    }
+}
+
+impl<const R: usize, const N: usize> Blurred<'_, R, N> {
+    /// How far a flank lies from its sheet, in its standard deviations, and the derivatives.
+    fn lean(&self, x: &SVector<f64, N>, flank: &Flank) -> (f64, [f64; N]) {
+        let q = self.into * (flank.at - self.origin);
+        let vec = |i: usize| DVec2::new(x[i], x[i + 1]);
+        let (z, r) = section_of(q, vec(Places::<R>::A0), vec(Places::<R>::A1), vec(Places::<R>::A2), 0.0);
+        let u = DVec2::from_angle(x[Places::<R>::THETA + flank.ray]);
+        let (c, d, k) = (u.dot(r).max(0.0), u.perp_dot(r), x[Places::<R>::K + flank.ray]);
+        let weight = 1.0 / flank.sigma;
+        let mut row = [0.0; N];
+        let n = u.perp() * -weight;
+        for (p, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
+            row[p] = n.x * factor;
+            row[p + 1] = n.y * factor;
+        }
+        row[Places::<R>::THETA + flank.ray] = -c * weight;
+        row[Places::<R>::K + flank.ray] = -0.5 * c * c * weight;
+        // Distance from the circle that the sheet follows.
+        let off = d - 0.5 * k * c * c / (1.0 - k * d).clamp(0.5, 2.0);
+        (off * weight, row)
+    }
+
+    /// z, the rays, the first of them from the direction away from the place, and the prediction.
+    #[inline]
+    fn see(&self, known: &Known<R>, tables: &Tables, at: DVec3) -> (f64, [Ray; R], usize, f64) {
+        let q = self.into * (at - self.origin);
+        let (z, off) = section_of(q, known.a0, known.a1, known.a2, known.sigma2);
+        let r = off * known.shrink;
+        let r = if r.length_squared() < 1e-12 { DVec2::new(1e-6, 0.0) } else { r };
+        let rho = r.length();
+        let away = r.to_angle() + PI;
+        let rays: [Ray; R] = std::array::from_fn(|i| {
+            let u = known.u[i];
+            let (c, d) = (u.dot(r), u.perp_dot(r));
+            let angle = turn(known.theta[i] - away);
+            let plane =
+                if angle <= PI { tables.wedge(rho, angle) } else { 1.0 - tables.wedge(rho, TAU - angle) };
+            let (across, along) = (tables.density(d), tables.distribution(c));
+            // The sheet moves by k c^2 / 2; the mean over the Gaussian along it, seen through the part of it
+            // that is there.
+            let bend = 0.5 * ((1.0 + c * c) * along + c * tables.density(c));
+            let k = known.k[i];
+            let (bend, share) = if k == 0.0 || along < 1e-6 {
+                (bend, plane)
+            } else {
+                // Beside the sheet, not on it, the circle that it follows is nearer or farther.
+                let bend = bend / (1.0 - k * d).clamp(0.5, 2.0);
+                let moved = tables.distribution(k * bend / along - d) - tables.distribution(-d);
+                (bend, plane + along * moved)
+            };
+            Ray { c, d, across, along, share, angle, normal: u.perp(), bend }
+        });
+        let first = (0..R).fold(0, |m, i| if rays[i].angle < rays[m].angle { i } else { m });
+        let mu = &known.mu;
+        let steps = (0..R).map(|i| (mu[(i + R - 1) % R] - mu[i]) * rays[i].share);
+        let value = mu[(first + R - 1) % R] + steps.sum::<f64>();
+        (z, rays, first, value)
+    }
+}
+
+/// An angle of less than two turns either way, from 0 to 2 pi.
+#[inline]
+fn turn(angle: f64) -> f64 {
+    let turned = angle - TAU * (angle * (1.0 / TAU)).floor();
+    turned.clamp(0.0, TAU)
+}
+
+impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
+    fn normal_equations(&self, x: &SVector<f64, N>, equations: &mut Normal<N>) -> f64 {
+        let tables = &*TABLES;
+        let mut chi2 = 0.0;
+        let known = Known::<R>::new(x);
+        let shrink = known.shrink;
+        for s in self.samples {
+            let (z, rays, first, value) = self.see(&known, tables, s.at);
+            let r = (value - s.grey) * self.weight;
+            chi2 += r * r;
+            let mut row = [0.0; N];
+            row[Places::<R>::MU + (first + R - 1) % R] += self.weight;
+            for (i, ray) in rays.iter().enumerate() {
+                let jump = (x[Places::<R>::MU + (i + R - 1) % R] - x[Places::<R>::MU + i]) * self.weight;
+                // The line integral along the ray, which a curved sheet moves sideways.
+                let moved = x[Places::<R>::K + i] / shrink * ray.bend / ray.along.max(1e-6);
+                let across = if moved == 0.0 { ray.across } else { tables.density(ray.d - moved) };
+                let flux = jump * across * ray.along;
+                let n = ray.normal * (flux * shrink);
+                let raised = 0.5 * (z * z + known.sigma2);
+                row[Places::<R>::A0] += n.x;
+                row[Places::<R>::A0 + 1] += n.y;
+                row[Places::<R>::A1] += n.x * z;
+                row[Places::<R>::A1 + 1] += n.y * z;
+                row[Places::<R>::A2] += n.x * raised;
+                row[Places::<R>::A2 + 1] += n.y * raised;
+                row[Places::<R>::THETA + i] = jump * across * (tables.density(ray.c) + ray.c * ray.along);
+                row[Places::<R>::K + i] = jump * across * ray.bend / shrink;
+                row[Places::<R>::SIGMA] += flux * (ray.d - moved);
+                row[Places::<R>::MU + (i + R - 1) % R] += self.weight * ray.share;
+                row[Places::<R>::MU + i] -= self.weight * ray.share;
+            }
+            add_row(equations, &row, r);
+        }
+        for flank in self.flanks {
+            let (r, row) = self.lean(x, flank);
+            chi2 += r * r;
+            add_row(equations, &row, r);
+        }
+        chi2
+    }
+
+    fn is_possible(&self, x: &SVector<f64, N>) -> bool {
+        // Rays must stay in order: a sector turned inside out is another arrangement.
+        let gap =
+            |i: usize| (x[Places::<R>::THETA + (i + 1) % R] - x[Places::<R>::THETA + i]).rem_euclid(TAU);
+        let turn: f64 = (0..R).map(gap).sum();
+        (0..R).all(|i| gap(i) >= NARROWEST) && (turn - TAU).abs() < 1e-6
+    }
+}
+
+#[inline]
+fn add_row<const N: usize>(equations: &mut Normal<N>, row: &[f64; N], r: f64) {
+    for i in 0..N {
+        for j in 0..=i {
+            equations.matrix[(i, j)] += row[i] * row[j];
+        }
+        equations.right[i] += row[i] * r;
+    }
+}
+
+/// Sectors narrower than this are not looked for: the sheets beside them merge within the blur.
+const NARROWEST: f64 = 0.12;
+
+/// How far a fit goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Place, direction and rays.
+    Rough,
+    /// Grey levels and sigma, too.
+    Planar,
+    /// Curvatures, too.
+    Curved,
+}
+
+/// What is known before a fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Prior<const R: usize> {
+    /// Grey level of each sector.
+    pub levels: [LevelPrior; R],
+    /// Standard deviation of a grey value.
+    pub noise: f64,
+    /// Standard deviation of the logarithm of the blur's sigma against the estimate for the volume.
+    pub log_sigma: f64,
+    /// Standard deviation of curvatures, per blur unit.
+    pub curvature: f64,
+    /// Curvature of each sheet across the curve and its standard deviation, where patches know it.
+    pub bends: [Option<(f64, f64)>; R],
+}
+
+impl<const R: usize, const N: usize> Wedge<R, N> {
+    /// A planar wedge: through `origin` along `direction`, sheets towards `rays` (ordered counter-clockwise seen
+    /// against the direction).
+    #[must_use]
+    pub fn new(origin: DVec3, direction: DVec3, rays: [DVec3; R], levels: [f64; R]) -> Self {
+        let axes = DMat3::from_cols_array_2d(&basis(direction).map(|a| a.to_array()));
+        let mut x = SVector::<f64, N>::zeros();
+        for (i, ray) in rays.iter().enumerate() {
+            x[Places::<R>::THETA + i] = f64::atan2(ray.dot(axes.y_axis), ray.dot(axes.x_axis));
+            x[Places::<R>::MU + i] = levels[i];
+        }
+        Self { origin, axes, x }
+    }
+
+    /// Fits to samples from here.
+    #[must_use]
+    pub fn fit(
+        &self,
+        samples: &[Sample],
+        flanks: &[Flank],
+        prior: &Prior<R>,
+        stage: Stage,
+    ) -> Option<WedgeFit<R, N>> {
+        let model = Blurred::<R, N> {
+            samples,
+            flanks,
+            origin: self.origin,
+            into: self.axes.transpose(),
+            weight: 1.0 / prior.noise,
+        };
+        let mut problem = Problem {
+            active: [false; N],
+            prior: [(0.0, f64::INFINITY); N],
+            most: [0.8; N],
+            iterations: if stage == Stage::Rough { 12 } else { 10 },
+        };
+        for i in 0..4 + R {
+            problem.active[i] = true;
+        }
+        for i in 0..2 {
+            problem.most[Places::<R>::A1 + i] = 0.4;
+            problem.prior[Places::<R>::A2 + i] = (0.0, prior.curvature);
+            problem.active[Places::<R>::A2 + i] = stage == Stage::Curved;
+        }
+        for i in 0..R {
+            problem.most[Places::<R>::THETA + i] = 0.4;
+            problem.prior[Places::<R>::K + i] = prior.bends[i].unwrap_or((0.0, prior.curvature));
+            problem.active[Places::<R>::K + i] = stage == Stage::Curved;
+            problem.active[Places::<R>::MU + i] = true;
+            problem.most[Places::<R>::MU + i] = f64::INFINITY;
+            problem.prior[Places::<R>::MU + i] = (prior.levels[i].mean, prior.levels[i].sigma);
+        }
+        problem.active[Places::<R>::SIGMA] = stage != Stage::Rough && prior.log_sigma > 0.0;
+        problem.prior[Places::<R>::SIGMA] = (0.0, prior.log_sigma.max(1e-6));
+        problem.most[Places::<R>::SIGMA] = 0.1;
+        let fit = minimise(&model, &problem, self.x)?;
+        let wedge = Self { x: fit.x, ..self.clone() };
+        Some(WedgeFit { wedge, fit, samples: samples.len() + flanks.len() })
+    }
+
+    fn vec(&self, i: usize) -> DVec2 {
+        DVec2::new(self.x[i], self.x[i + 1])
+    }
+
+    /// The apex in the section at z, without blur.
+    #[must_use]
+    pub fn apex(&self, z: f64) -> DVec2 {
+        self.vec(Places::<R>::A0) + self.vec(Places::<R>::A1) * z + self.vec(Places::<R>::A2) * (0.5 * z * z)
+    }
+
+    /// The point of the curve at z.
+    #[must_use]
+    pub fn point(&self, z: f64) -> DVec3 {
+        let a = self.apex(z);
+        self.origin + self.axes * DVec3::new(a.x, a.y, z)
+    }
+
+    /// Direction of the curve at z.
+    #[must_use]
+    pub fn direction(&self, z: f64) -> DVec3 {
+        let a = self.vec(Places::<R>::A1) + self.vec(Places::<R>::A2) * z;
+        (self.axes * DVec3::new(a.x, a.y, 1.0)).normalize()
+    }
+
+    /// Directions of the rays in space at z = 0.
+    #[must_use]
+    pub fn rays(&self) -> [DVec3; R] {
+        std::array::from_fn(|i| {
+            let u = DVec2::from_angle(self.x[Places::<R>::THETA + i]);
+            self.axes * DVec3::new(u.x, u.y, 0.0)
+        })
+    }
+
+    /// Angle of each sector, that between its ray and the next.
+    #[must_use]
+    pub fn angles(&self) -> [f64; R] {
+        std::array::from_fn(|i| {
+            let theta = |i: usize| self.x[Places::<R>::THETA + i % R];
+            (theta(i + 1) - theta(i)).rem_euclid(TAU)
+        })
+    }
+
+    /// Grey levels of the sectors.
+    #[must_use]
+    pub fn levels(&self) -> [f64; R] {
+        std::array::from_fn(|i| self.x[Places::<R>::MU + i])
+    }
+
+    /// Curvatures of the sheets.
+    #[must_use]
+    pub fn curvatures(&self) -> [f64; R] {
+        std::array::from_fn(|i| self.x[Places::<R>::K + i])
+    }
+
+    /// The curvature of the curve, per blur unit.
+    #[must_use]
+    pub fn bend(&self) -> f64 {
+        self.vec(Places::<R>::A2).length()
+    }
+
+    /// The factor on sigma.
+    #[must_use]
+    pub fn sigma(&self) -> f64 {
+        self.x[Places::<R>::SIGMA].exp()
+    }
+
+    /// The same wedge with its frame moved to the curve at z and turned along it; first order in curvature.
+    #[must_use]
+    pub fn recentred(&self, z: f64) -> Self {
+        let (origin, direction) = (self.point(z), self.direction(z));
+        let mut out = Self::new(origin, direction, self.rays(), self.levels());
+        for i in 0..R {
+            out.x[Places::<R>::K + i] = self.x[Places::<R>::K + i];
+        }
+        let bend = self.vec(Places::<R>::A2);
+        let bend = out.axes.transpose() * (self.axes * DVec3::new(bend.x, bend.y, 0.0));
+        out.x[Places::<R>::A2] = bend.x;
+        out.x[Places::<R>::A2 + 1] = bend.y;
+        out.x[Places::<R>::SIGMA] = self.x[Places::<R>::SIGMA];
+        out
+    }
+
+    /// The section that a point lies in: the point seen from the curve in the plane normal to it, and z there.
+    #[must_use]
+    pub fn section(&self, at: DVec3) -> (DVec2, f64) {
+        let q = self.axes.transpose() * (at - self.origin);
+        let vec = |i: usize| self.vec(i);
+        let (z, r) = section_of(q, vec(Places::<R>::A0), vec(Places::<R>::A1), vec(Places::<R>::A2), 0.0);
+        (r, z)
+    }
+
+    /// The sector in which a point lies.
+    #[must_use]
+    pub fn sector(&self, at: DVec3) -> usize {
+        let (r, _) = self.section(at);
+        let (rho, angle) = (r.length(), r.to_angle());
+        // Distance counter-clockwise from each ray, turned by its curvature over this distance.
+        let past = |i: usize| {
+            let turned = (0.5 * self.x[Places::<R>::K + i] * rho).clamp(-0.7, 0.7);
+            (angle - self.x[Places::<R>::THETA + i] - turned).rem_euclid(TAU)
+        };
+        (0..R).fold((0, f64::INFINITY), |m, i| if past(i) < m.1 { (i, past(i)) } else { m }).0
+    }
+
+    /// Signed distance of a point from sheet `i` (positive counter-clockwise of it, as if it went on behind
+    /// the apex), its place along the ray, and the sheet's unit normal there (towards sector i).
+    #[must_use]
+    pub fn sheet(&self, i: usize, at: DVec3) -> (f64, f64, DVec3) {
+        let (r, z) = self.section(at);
+        let u = DVec2::from_angle(self.x[Places::<R>::THETA + i]);
+        let k = self.x[Places::<R>::K + i];
+        let (c, d) = (u.dot(r), u.perp_dot(r));
+        let ahead = c.max(0.0);
+        // Distance from the circle that the sheet follows, and its normal.
+        let off = d - 0.5 * k * ahead * ahead / (1.0 - k * d).clamp(0.5, 2.0);
+        let n = u.perp() - u * (k * ahead);
+        let along = self.vec(Places::<R>::A1) + self.vec(Places::<R>::A2) * z;
+        // From the plane normal to the curve to space: turned about what is normal to both axis and curve.
+        let tilt = along.length();
+        let normal = if tilt > 1e-9 {
+            let towards = along / tilt;
+            let cos = 1.0 / (1.0 + tilt * tilt).sqrt();
+            let part = n.dot(towards);
+            let flat = n + towards * (part * (cos - 1.0));
+            DVec3::new(flat.x, flat.y, -part * tilt * cos)
+        } else {
+            DVec3::new(n.x, n.y, 0.0)
+        };
+        let length = n.length();
+        (off, c, self.axes * normal / length)
+    }
+}
+
+impl<const R: usize, const N: usize> WedgeFit<R, N> {
+    /// Standard deviation of the position of sheet `i` along its normal near a point, for white noise.
+    #[must_use]
+    pub fn sheet_sigma(&self, i: usize, at: DVec3) -> f64 {
+        let (r, z) = self.wedge.section(at);
+        let u = DVec2::from_angle(self.wedge.x[Places::<R>::THETA + i]);
+        let c = u.dot(r).max(0.0);
+        let mut g = SVector::<f64, N>::zeros();
+        let n = u.perp();
+        for (k, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
+            g[k] = n.x * factor;
+            g[k + 1] = n.y * factor;
+        }
+        g[Places::<R>::THETA + i] = c;
+        g[Places::<R>::K + i] = 0.5 * c * c;
+        (g.transpose() * self.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
+    }
+
+    /// Standard deviations of the apex at z along its best and worst direction.
+    #[must_use]
+    pub fn apex_sigma(&self, z: f64) -> [f64; 2] {
+        let c = &self.fit.covariance;
+        let h = [1.0, z, 0.5 * z * z];
+        let p = [Places::<R>::A0, Places::<R>::A1, Places::<R>::A2];
+        let of = |a: usize, b: usize| -> f64 {
+            (0..3)
+                .flat_map(|i| (0..3).map(move |j| (i, j)))
+                .map(|(i, j)| h[i] * h[j] * c[(p[i] + a, p[j] + b)])
+                .sum()
+        };
+        let (xx, xy, yy) = (of(0, 0), of(0, 1), of(1, 1));
+        let (mean, root) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
+        [(mean - root).max(0.0).sqrt(), (mean + root).max(0.0).sqrt()]
+    }
+
+    /// Misfit per sample.
+    #[must_use]
+    pub fn reduced(&self) -> f64 {
+        self.fit.chi2 / self.samples.max(1) as f64
+    }
+}
+
+/// The smallest angle of a sector that a wedge may have.
+pub(super) const SMALLEST_ANGLE: f64 = PI / 15.0;
+
+#[cfg(test)]
+#[path = "wedge_tests.rs"]
+mod tests;
