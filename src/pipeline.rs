@@ -20,7 +20,6 @@ use crate::classify::{Classified, ClassifyCounts, ClassifyError, LabelIds, SlabP
 use crate::contour::dual::{self, Statistics};
 use crate::execution::{CostLog, Execution};
 use crate::grid::Geometry;
-use crate::locate::{self, BlurUnits, Scan};
 use crate::material::{
     Blur, EdgeProfile, Found, Levels, MAX_ESTIMATED_RADIUS, MaterialTable, Noise, OtsuMode, Rejected,
     ScanQuality, SliceThresholds, Survey, TwoClasses, radius_per_axis,
@@ -231,7 +230,7 @@ impl<S: Sample> Run<'_, S> {
         let levels = Levels::new(&levels, &materials);
         let scan = match self.options.accuracy {
             Accuracy::Paper => None,
-            Accuracy::Full => scan(&geometry, &materials, &blur, &levels, &noise),
+            Accuracy::Full => curves::scan(&geometry, &materials, &blur, &levels, &noise),
         };
         let surface = Surface {
             geometry: &geometry,
@@ -478,38 +477,6 @@ impl<S: Sample> Run<'_, S> {
             .costs
             .measure("classify", || classify_slabs(window, materials, blur.radius, &plan, execution)))
     }
-}
-
-/// Blurs below this many voxels leave steps that single voxels cannot show: models have nothing to fit to.
-const LEAST_BLUR: f64 = 0.5;
-/// The noise of a material is taken to be at least this share of the noisiest one's: where grey values are
-/// clipped there is none to be seen, but at its borders there is.
-const LEAST_NOISE: f64 = 0.5;
-/// The noise is taken to be at least this share of the smallest contrast.
-const LEAST_NOISE_OF_CONTRAST: f64 = 1e-3;
-
-/// What the models that place crossings need; `None` if the blur is not known, too small or too wide for them.
-fn scan(
-    geometry: &Geometry,
-    materials: &MaterialTable,
-    blur: &Blur,
-    levels: &Levels,
-    noise: &[Option<Noise>],
-) -> Option<Scan> {
-    let spacing = geometry.spacing();
-    let axes = blur.sigma_axes_mm.or(blur.sigma_mm.map(|s| [s; 3]))?;
-    let sigma: [f64; 3] = std::array::from_fn(|a| axes[a] / spacing[a]);
-    let units = BlurUnits::new(sigma);
-    if sigma.iter().any(|s| *s < LEAST_BLUR) || locate::halo(units) > locate::MOST_HALO {
-        return None;
-    }
-    let all = materials.materials();
-    let contrast = all.windows(2).map(|m| m[1].mean - m[0].mean).fold(f64::INFINITY, f64::min);
-    let known = |i: usize| noise.get(i).and_then(Option::as_ref).map(|n| n.sigma).or(all[i].sigma);
-    let largest = (0..all.len()).filter_map(known).fold(LEAST_NOISE_OF_CONTRAST * contrast, f64::max);
-    let sigmas = (0..all.len()).map(|i| known(i).unwrap_or(0.0).max(LEAST_NOISE * largest)).collect();
-    let inflation = noise.iter().flatten().map(|n| n.effective).fold(1.0, f64::max).sqrt();
-    Some(Scan { units, levels: levels.clone(), noise: sigmas, inflation })
 }
 
 /// The share of its voxels that the densest material kept; 0 if nothing at all was certain, `None`

@@ -5,7 +5,7 @@
 //! fitted as at junctions, with the patches around as places on its flanks.
 //!
 //! A fillet is no edge: the two planes would explain its flanks, but not the grey values between. So a fit must
-//! explain these as well as noise allows, in the middle alone, too.
+//! explain these, too.
 
 use std::cmp::Ordering;
 use std::ops::Range;
@@ -14,7 +14,6 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::flanks::{FlatIndex, flanks_of};
-use super::junction_sites::{explained, take};
 use super::patches::{Flat, Rough};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
@@ -23,7 +22,7 @@ use super::wedge::{EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
 use crate::volume;
 
-/// Patches are looked for within this distance of a seed, voxels of mean edge per blur unit.
+/// Patches are looked for within this distance of a seed, blur units.
 const AROUND: f64 = 7.5;
 /// Radius of the ball of a fit, blur units.
 const FULL: f64 = 4.0;
@@ -41,8 +40,6 @@ const SIGMA: f64 = 0.05;
 const CURVATURE: f64 = 0.12;
 /// The models' own errors, as a share of the contrast.
 const MODEL: f64 = 0.0007;
-/// What the curved model must gain in chi squared.
-const GAIN: f64 = 12.0;
 /// Largest standard deviation of the edge's place, blur units.
 const UNSURE: f64 = 0.3;
 /// A planar fit that leaves more than this share of the contrast will not be mended by curvature.
@@ -279,7 +276,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
     let mut on: Vec<Flank> = Vec::new();
     let mut last: Option<WedgeFit<2, EDGE>> = None;
     for pass in 0..2 {
-        take(view, seed.at, wedge.origin, FULL, &mut seen, &mut samples);
+        view.samples(seed.at, wedge.origin, FULL, &mut seen, &mut samples);
         // A third material, or another part, is none of the edge's.
         if seen.iter().any(|s| !materials.contains(&s.label)) {
             let near: Vec<DVec3> = seen
@@ -298,11 +295,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
         if planar.reduced().sqrt() * noise > HOPELESS * contrast {
             return None;
         }
-        let curved = planar.wedge.fit(&samples, &on, &prior, Stage::Curved);
-        let best = match curved {
-            Some(c) if c.fit.chi2 + c.fit.strain + GAIN < planar.fit.chi2 + planar.fit.strain => c,
-            _ => planar,
-        };
+        let best = planar.or_curved(&samples, &on, &prior);
         wedge = best.wedge.recentred(0.0);
         let still = best.wedge.apex(0.0).length() < 0.1;
         last = Some(best);
@@ -318,7 +311,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
     let turn = (angle - std::f64::consts::PI).abs();
     let accepted = fit.wedge.apex(0.0).length() < 1.0
         && fit.apex_sigma(0.0)[1] < UNSURE
-        && explained(&fit, noise, contrast)
+        && fit.explains(noise, contrast)
         && turn > 0.35
         && turn < 2.8
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA;

@@ -45,8 +45,6 @@ const SIGMA: f64 = 0.1;
 const CURVATURE: f64 = 0.05;
 /// The models' own errors, as a share of the largest contrast.
 const MODEL: f64 = 0.0005;
-/// What the curved model must gain in chi squared.
-const GAIN: f64 = 12.0;
 /// Largest standard deviation of the curve's place, blur units.
 const UNSURE: f64 = 0.4;
 /// The curve may move this far from its seed, blur units.
@@ -221,7 +219,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed
     let mut wedge =
         Wedge::<3, JUNCTION>::new(DVec3::ZERO, start.direction, start.rays, levels.map(|l| l.mean));
     for _ in 0..2 {
-        take(view, seed.at, wedge.origin, ROUGH, &mut seen, &mut samples);
+        view.samples(seed.at, wedge.origin, ROUGH, &mut seen, &mut samples);
         wedge = wedge.fit(&samples, &[], &prior, Stage::Rough)?.wedge.recentred(0.0);
         if wedge.origin.length() > FARTHEST {
             return None;
@@ -281,7 +279,7 @@ fn finish<S: volume::Sample>(
     let mut on: Vec<Flank> = Vec::new();
     for pass in 0..2 {
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
-        take(view, middle, wedge.origin, FULL.hypot(along), &mut seen, &mut samples);
+        view.samples(middle, wedge.origin, FULL.hypot(along), &mut seen, &mut samples);
         samples.retain(|s| {
             let (r, z) = wedge.section(s.at);
             r.length_squared() <= FULL * FULL && z.abs() <= along
@@ -289,11 +287,7 @@ fn finish<S: volume::Sample>(
         let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
         let prior = &Prior { bends, ..*prior };
         let planar = wedge.fit(&samples, &on, prior, Stage::Planar)?;
-        let curved = planar.wedge.fit(&samples, &on, prior, Stage::Curved);
-        let best = match curved {
-            Some(c) if c.fit.chi2 + c.fit.strain + GAIN < planar.fit.chi2 + planar.fit.strain => c,
-            _ => planar,
-        };
+        let best = planar.or_curved(&samples, &on, prior);
         wedge = best.wedge.recentred(0.0);
         let still = best.wedge.apex(0.0).length() < 0.1;
         last = Some(best);
@@ -309,7 +303,7 @@ fn finish<S: volume::Sample>(
     let accepted = fit.wedge.apex(0.0).length() < 1.0
         && fit.wedge.origin.length() <= FARTHEST
         && fit.apex_sigma(0.0)[1] < UNSURE
-        && explained(&fit, prior.noise, range_of(&prior.levels))
+        && fit.explains(prior.noise, range_of(&prior.levels))
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA
         && fit.wedge.angles().iter().all(|a| *a > SMALLEST_ANGLE);
     if !accepted {
@@ -324,32 +318,4 @@ fn range_of(levels: &[LevelPrior]) -> f64 {
     let ends =
         levels.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(l.mean), b.max(l.mean)]);
     ends[1] - ends[0]
-}
-
-/// Residuals up to this share of the contrast are the model's: with little noise they would be seen.
-const RESIDUAL: f64 = 0.008;
-
-/// Whether a wedge explains its grey values: as well as noise allows, or but for a small share of the contrast.
-#[must_use]
-pub(super) fn explained<const R: usize, const N: usize>(
-    fit: &WedgeFit<R, N>,
-    noise: f64,
-    contrast: f64,
-) -> bool {
-    let n = fit.samples as f64;
-    fit.reduced() < 1.0 + 7.0 * (2.0 / n).sqrt() || fit.reduced().sqrt() * noise < RESIDUAL * contrast
-}
-
-/// The samples of a ball about `centre` (blur units from `middle`), in blur units from `middle`.
-pub(super) fn take<S: volume::Sample>(
-    view: &View<'_, S>,
-    middle: DVec3,
-    centre: DVec3,
-    radius: f64,
-    seen: &mut Vec<Seen>,
-    out: &mut Vec<Sample>,
-) {
-    view.ball(middle + view.units.voxel(centre), radius, seen);
-    out.clear();
-    out.extend(seen.iter().map(|s| Sample { at: s.sample.at + centre, ..s.sample }));
 }

@@ -58,10 +58,8 @@ pub fn find_junctions<S: Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<
 /// Pass 2, of the slices `core`; `junctions` are those of the whole volume.
 #[must_use]
 pub fn find_sheets<S: Sample>(view: &View<'_, S>, junctions: &Sites, core: Range<usize>) -> Sheets {
-    let Relabelled { labels, zone, tainted, .. } = Relabelled::new(view, junctions);
-    let uncertain = uncertain(view, &zone, &tainted);
-    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
-    let Patches { flats, rough, .. } = Patches::fit(&around, blocks_of(&core, BLOCK));
+    let relabelled = Relabelled::new(view, junctions);
+    let Patches { flats, rough, .. } = Patches::fit(&relabelled.view(view), blocks_of(&core, BLOCK));
     Sheets { flats, rough }
 }
 
@@ -75,10 +73,8 @@ pub fn find_curves<S: Sample>(
 ) -> Vec<Site> {
     let flats = FlatIndex::new(&sheets.flats);
     let mut found = refine(view, &flats, junctions.all(), &core);
-    let Relabelled { labels, zone, tainted, .. } = Relabelled::new(view, junctions);
-    let uncertain = uncertain(view, &zone, &tainted);
-    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
-    found.extend(edge_sites(&around, &flats, &sheets.rough, core));
+    let relabelled = Relabelled::new(view, junctions);
+    found.extend(edge_sites(&relabelled.view(view), &flats, &sheets.rough, core));
     found
 }
 
@@ -96,47 +92,45 @@ pub struct Models {
 /// Pass 4, of the slices `core` and `beyond` more on each side; `curves` are those of the whole volume.
 #[must_use]
 pub fn models<S: Sample>(view: &View<'_, S>, curves: &Sites, core: Range<usize>, beyond: usize) -> Models {
-    let Relabelled { mut labels, zone, tainted } = Relabelled::new(view, curves);
-    let uncertain = uncertain(view, &zone, &tainted);
-    let around = View { labels: &labels, uncertain: &uncertain, ..*view };
+    let relabelled = Relabelled::new(view, curves);
     let depth = view.slab.size()[2];
     // The cells of the core reach one slice beyond it, and their edges' upper ends one more.
     let slices = core.start.saturating_sub(2 + beyond)..(core.end + 3 + beyond).min(depth);
-    let patches = Patches::fit(&around, slices.start / BLOCK..slices.end.div_ceil(BLOCK));
+    let patches = Patches::fit(&relabelled.view(view), slices.start / BLOCK..slices.end.div_ceil(BLOCK));
+    let Relabelled { mut labels, zone, .. } = relabelled;
     patches.relabel(&view.units, &mut labels, &zone, slices);
     Models { labels, zone, patches }
 }
 
-/// What curves make of labels.
+/// What curves make of a view.
 struct Relabelled {
     labels: LabelVolume,
-    /// Voxels that curves speak for, and those near them.
+    /// Voxels that curves speak for.
     zone: BitPlanes,
-    tainted: BitPlanes,
+    /// Voxels near curves, and those that were uncertain before and for which no curve speaks.
+    uncertain: BitPlanes,
 }
 
 impl Relabelled {
-    fn new<S: Sample>(view: &View<'_, S>, sites: &Sites) -> Self {
-        let mut labels = view.labels.clone();
-        let planes = || BitPlanes::window(view.slab.size(), 1, labels.codes().slices());
-        let (mut zone, mut tainted) = (planes(), planes());
-        sites.relabel(&mut labels, &mut zone, &mut tainted);
-        Self { labels, zone, tainted }
-    }
-}
-
-/// Voxels near curves, and those that were uncertain before and for which no curve speaks.
-fn uncertain<S: Sample>(view: &View<'_, S>, zone: &BitPlanes, tainted: &BitPlanes) -> BitPlanes {
-    let mut out = tainted.clone();
-    let words = out.words();
-    let before = view.uncertain;
-    out.fill_slices(|z, mut slice| {
-        for y in 0..tainted.padded()[1] {
-            let row = slice.row(0, y);
-            for (w, word) in row.iter_mut().enumerate().take(words) {
-                *word |= before.row(0, y, z)[w] & !zone.row(0, y, z)[w];
+    fn new<S: Sample>(before: &View<'_, S>, sites: &Sites) -> Self {
+        let mut labels = before.labels.clone();
+        let planes = || BitPlanes::window(before.slab.size(), 1, labels.codes().slices());
+        let (mut zone, mut uncertain) = (planes(), planes());
+        sites.relabel(&mut labels, &mut zone, &mut uncertain);
+        let rows = uncertain.padded()[1];
+        uncertain.fill_slices(|z, mut slice| {
+            for y in 0..rows {
+                let (was, spoken) = (before.uncertain.row(0, y, z), zone.row(0, y, z));
+                for (word, (was, spoken)) in slice.row(0, y).iter_mut().zip(was.iter().zip(spoken)) {
+                    *word |= was & !spoken;
+                }
             }
-        }
-    });
-    out
+        });
+        Self { labels, zone, uncertain }
+    }
+
+    /// The view of the same slices with these labels.
+    fn view<'a, S: Sample>(&'a self, before: &View<'a, S>) -> View<'a, S> {
+        View { labels: &self.labels, uncertain: &self.uncertain, ..*before }
+    }
 }

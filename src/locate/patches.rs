@@ -176,7 +176,7 @@ impl Patches {
         labels: &mut LabelVolume,
         fixed: &BitPlanes,
         slices: Range<usize>,
-    ) -> u64 {
+    ) {
         let before = &*labels;
         let wrong: Vec<([usize; 3], MaterialId)> = slices
             .into_par_iter()
@@ -213,7 +213,6 @@ impl Patches {
         for (voxel, material) in &wrong {
             labels.set(voxel.map(|c| c + 1), *material);
         }
-        wrong.len() as u64
     }
 }
 

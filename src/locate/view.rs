@@ -110,6 +110,21 @@ impl<S: volume::Sample> View<'_, S> {
         }
     }
 
+    /// The samples of the ball of `radius` about `centre` (blur units from `middle`, which is in voxels), in blur units from
+    /// `middle`; `seen` are the voxels, from `centre`.
+    pub fn samples(
+        &self,
+        middle: DVec3,
+        centre: DVec3,
+        radius: f64,
+        seen: &mut Vec<Seen>,
+        out: &mut Vec<Sample>,
+    ) {
+        self.ball(middle + self.units.voxel(centre), radius, seen);
+        out.clear();
+        out.extend(seen.iter().map(|s| Sample { at: s.sample.at + centre, ..s.sample }));
+    }
+
     /// By how much each material's level changes per blur unit.
     fn drift(&self, centre: DVec3) -> Vec<DVec3> {
         let step = 2.0;

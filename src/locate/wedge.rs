@@ -162,6 +162,26 @@ impl<const R: usize> Known<R> {
     }
 }
 
+/// Distance from the circle that a sheet of curvature k follows, of a place c along its ray and d to the left.
+#[inline]
+fn off_sheet(k: f64, c: f64, d: f64) -> f64 {
+    d - 0.5 * k * c * c / (1.0 - k * d).clamp(0.5, 2.0)
+}
+
+/// By how much sheet `i`, in direction u, moves to its left a distance c along its ray in the section at z, for each
+/// parameter; times `scale`.
+fn sheet_slopes<const R: usize, const N: usize>(i: usize, u: DVec2, c: f64, z: f64, scale: f64) -> [f64; N] {
+    let mut row = [0.0; N];
+    let n = u.perp() * scale;
+    for (p, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
+        row[p] = n.x * factor;
+        row[p + 1] = n.y * factor;
+    }
+    row[Places::<R>::THETA + i] = c * scale;
+    row[Places::<R>::K + i] = 0.5 * c * c * scale;
+    row
+}
+
 impl<const R: usize, const N: usize> Blurred<'_, R, N> {
     /// How far a flank lies from its sheet, in its standard deviations, and the derivatives.
     fn lean(&self, x: &SVector<f64, N>, flank: &Flank) -> (f64, [f64; N]) {
@@ -171,17 +191,9 @@ impl<const R: usize, const N: usize> Blurred<'_, R, N> {
         let u = DVec2::from_angle(x[Places::<R>::THETA + flank.ray]);
         let (c, d, k) = (u.dot(r).max(0.0), u.perp_dot(r), x[Places::<R>::K + flank.ray]);
         let weight = 1.0 / flank.sigma;
-        let mut row = [0.0; N];
-        let n = u.perp() * -weight;
-        for (p, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
-            row[p] = n.x * factor;
-            row[p + 1] = n.y * factor;
-        }
-        row[Places::<R>::THETA + flank.ray] = -c * weight;
-        row[Places::<R>::K + flank.ray] = -0.5 * c * c * weight;
-        // Distance from the circle that the sheet follows.
-        let off = d - 0.5 * k * c * c / (1.0 - k * d).clamp(0.5, 2.0);
-        (off * weight, row)
+        // Where the sheet moves ahead, the flank falls back.
+        let row = sheet_slopes::<R, N>(flank.ray, u, c, z, -weight);
+        (off_sheet(k, c, d) * weight, row)
     }
 
     /// z, the rays, the first of them from the direction away from the place, and the prediction.
@@ -492,8 +504,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         let k = self.x[Places::<R>::K + i];
         let (c, d) = (u.dot(r), u.perp_dot(r));
         let ahead = c.max(0.0);
-        // Distance from the circle that the sheet follows, and its normal.
-        let off = d - 0.5 * k * ahead * ahead / (1.0 - k * d).clamp(0.5, 2.0);
+        let off = off_sheet(k, ahead, d);
         let n = u.perp() - u * (k * ahead);
         let along = self.vec(Places::<R>::A1) + self.vec(Places::<R>::A2) * z;
         // From the plane normal to the curve to space: turned about what is normal to both axis and curve.
@@ -519,14 +530,7 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
         let (r, z) = self.wedge.section(at);
         let u = DVec2::from_angle(self.wedge.x[Places::<R>::THETA + i]);
         let c = u.dot(r).max(0.0);
-        let mut g = SVector::<f64, N>::zeros();
-        let n = u.perp();
-        for (k, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
-            g[k] = n.x * factor;
-            g[k + 1] = n.y * factor;
-        }
-        g[Places::<R>::THETA + i] = c;
-        g[Places::<R>::K + i] = 0.5 * c * c;
+        let g = SVector::from(sheet_slopes::<R, N>(i, u, c, z, 1.0));
         (g.transpose() * self.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
     }
 
@@ -552,7 +556,29 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
     pub fn reduced(&self) -> f64 {
         self.fit.chi2 / self.samples.max(1) as f64
     }
+
+    /// Whether the wedge explains its grey values: as well as noise allows, or but for a small share of the contrast.
+    #[must_use]
+    pub fn explains(&self, noise: f64, contrast: f64) -> bool {
+        let n = self.samples as f64;
+        self.reduced() < 1.0 + 7.0 * (2.0 / n).sqrt() || self.reduced().sqrt() * noise < RESIDUAL * contrast
+    }
+
+    /// This planar fit, or a curved one from it if that explains the same data enough better.
+    #[must_use]
+    pub fn or_curved(self, samples: &[Sample], flanks: &[Flank], prior: &Prior<R>) -> Self {
+        let total = |fit: &Self| fit.fit.chi2 + fit.fit.strain;
+        match self.wedge.fit(samples, flanks, prior, Stage::Curved) {
+            Some(curved) if total(&curved) + GAIN < total(&self) => curved,
+            _ => self,
+        }
+    }
 }
+
+/// Residuals up to this share of the contrast are the model's: with little noise they would be seen.
+const RESIDUAL: f64 = 0.008;
+/// What the curved model must gain in chi squared.
+const GAIN: f64 = 12.0;
 
 /// The smallest angle of a sector that a wedge may have.
 pub(super) const SMALLEST_ANGLE: f64 = PI / 15.0;

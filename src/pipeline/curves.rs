@@ -1,13 +1,49 @@
-//! The passes that locate interfaces below a voxel, in slabs: see [`crate::locate`].
+//! What the models that locate interfaces below a voxel need to know, and their passes in slabs: see [`crate::locate`].
 
 use super::PipelineError;
 use crate::classify::{BitPlanes, LabelStore, LabelVolume};
 use crate::execution::{Execution, Stage};
-use crate::locate::{Scan, Sheets, Sites, find_curves, find_junctions, find_sheets, halo};
+use crate::grid::Geometry;
+use crate::locate::{
+    BlurUnits, MOST_HALO, Scan, Sheets, Sites, find_curves, find_junctions, find_sheets, halo,
+};
+use crate::material::{Blur, Levels, MaterialTable, Noise};
 use crate::volume::{Sample, SampleWindow, Slab};
 
 /// Its name as a stage, and its part of the time beside that of contouring.
 pub(super) const STAGE: (&str, f64) = ("locating interfaces", 8.0);
+
+/// Blurs below this many voxels leave steps that single voxels cannot show: models have nothing to fit to.
+const LEAST_BLUR: f64 = 0.5;
+/// The noise of a material is taken to be at least this share of the noisiest one's: where grey values are
+/// clipped there is none to be seen, but at its borders there is.
+const LEAST_NOISE: f64 = 0.5;
+/// The noise is taken to be at least this share of the smallest contrast.
+const LEAST_NOISE_OF_CONTRAST: f64 = 1e-3;
+
+/// What the models that place crossings need; `None` if the blur is not known, too small or too wide for them.
+pub(super) fn scan(
+    geometry: &Geometry,
+    materials: &MaterialTable,
+    blur: &Blur,
+    levels: &Levels,
+    noise: &[Option<Noise>],
+) -> Option<Scan> {
+    let spacing = geometry.spacing();
+    let axes = blur.sigma_axes_mm.or(blur.sigma_mm.map(|s| [s; 3]))?;
+    let sigma: [f64; 3] = std::array::from_fn(|a| axes[a] / spacing[a]);
+    let units = BlurUnits::new(sigma);
+    if sigma.iter().any(|s| *s < LEAST_BLUR) || halo(units) > MOST_HALO {
+        return None;
+    }
+    let all = materials.materials();
+    let contrast = all.windows(2).map(|m| m[1].mean - m[0].mean).fold(f64::INFINITY, f64::min);
+    let known = |i: usize| noise.get(i).and_then(Option::as_ref).map(|n| n.sigma).or(all[i].sigma);
+    let largest = (0..all.len()).filter_map(known).fold(LEAST_NOISE_OF_CONTRAST * contrast, f64::max);
+    let sigmas = (0..all.len()).map(|i| known(i).unwrap_or(0.0).max(LEAST_NOISE * largest)).collect();
+    let inflation = noise.iter().flatten().map(|n| n.effective).fold(1.0, f64::max).sqrt();
+    Some(Scan { units, levels: levels.clone(), noise: sigmas, inflation })
+}
 
 /// Passes over the volume, contouring's not counted.
 const PASSES: u64 = 3;

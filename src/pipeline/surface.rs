@@ -73,11 +73,10 @@ impl Surface<'_> {
     pub(super) fn extract<S: Sample>(
         &self,
         window: &mut SampleWindow<'_, S>,
-        crossings: Crossings<'_>,
+        mut crossings: Crossings<'_>,
         sink: &mut dyn MeshSink,
         costs: &mut CostLog,
     ) -> Result<Option<Statistics>, PipelineError> {
-        let mut crossings = crossings;
         let curves = match &mut crossings {
             Crossings::Thresholds { store, scan: Some(scan), .. } => {
                 let started = Instant::now();
