@@ -141,7 +141,7 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
 }
 
 /// The value with half of the weight below it; 0 without values.
-fn weighted_median(mut values: Vec<(f64, f64)>) -> f64 {
+pub(super) fn weighted_median(mut values: Vec<(f64, f64)>) -> f64 {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
     let mut below = 0.0;

@@ -33,6 +33,20 @@ pub struct EdgeProfile {
     pub residual: f64,
     /// The same over single voxels: noise, mostly.
     pub scatter: f64,
+    /// How well interfaces of single pairs are blurred steps.
+    pub misfits: Vec<Misfit>,
+}
+
+/// How far grey values at the interfaces of a pair of materials are from a blurred step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Misfit {
+    /// Positions of the materials in the table, ascending.
+    pub pair: [usize; 2],
+    /// Interfaces measured.
+    pub patches: usize,
+    /// Beyond the noise inside of both materials: root mean square as a share of the contrast, of the median interface. Blur
+    /// that is not Gaussian, streaks, clipped grey values.
+    pub share: f64,
 }
 
 impl EdgeProfile {
@@ -70,6 +84,6 @@ impl EdgeProfile {
         let filled = bins.iter().filter(|b| b.count > 0);
         let misfit: f64 = filled.clone().map(|b| (b.grey - b.model).powi(2)).sum();
         let residual = (misfit / filled.count().max(1) as f64).sqrt();
-        Self { bins, residual, scatter: (squares / count.max(1) as f64).sqrt() }
+        Self { bins, residual, scatter: (squares / count.max(1) as f64).sqrt(), misfits: Vec::new() }
     }
 }

@@ -29,6 +29,10 @@ const ROUNDS: usize = 12;
 /// How far (in cells, along each axis) residues reach, and the standard deviation of their weights.
 const REACH: usize = 2;
 const WIDTH: f64 = 1.0;
+/// Neighbouring cells are alike if what the polynomial leaves differs by less than this share of it; fewest
+/// and at least half of all neighbours.
+const ALIKE: f64 = 0.35;
+const MIN_ALIKE: usize = 2;
 /// A residue smaller than this share of the contrast is none.
 const NOTHING: f64 = 2e-4;
 
@@ -65,6 +69,7 @@ pub(super) fn fit(levels: &Levels, sums: &LevelSums, table: &MaterialTable, mate
     let base = median(cells.iter().map(|c| c.grey).collect());
     let (mut polynomial, covariance) = simplest(&mut cells, base, contrast);
     let left: Vec<f64> = cells.iter().map(|c| c.grey - base - polynomial.dot(&c.terms)).collect();
+    readmit(levels, &mut cells, &left);
     let residue = residue(levels, &cells, &left, contrast);
     polynomial[0] += base;
     let agreeing = cells.iter().filter(|c| c.weight > 0.0).map(|c| c.grey);
@@ -166,6 +171,31 @@ fn polynomial(cells: &mut [Cell], base: f64, contrast: f64, share: f64) -> (Vect
         }
     }
     (found, covariance)
+}
+
+/// Cells far from the polynomial count again if their neighbours are as far: they are no streaks but another level, as of
+/// the air in a bore.
+fn readmit(levels: &Levels, cells: &mut [Cell], left: &[f64]) {
+    let [nx, ny, nz] = levels.cells;
+    let index = |[x, y, z]: [usize; 3]| (z * ny + y) * nx + x;
+    let mut at = vec![usize::MAX; nx * ny * nz];
+    for (i, cell) in cells.iter().enumerate() {
+        at[index(cell.at)] = i;
+    }
+    let agrees = |i: usize| {
+        let near = |a: usize| cells[i].at[a].saturating_sub(1)..(cells[i].at[a] + 2).min(levels.cells[a]);
+        let around = near(2).flat_map(|z| near(1).flat_map(move |y| near(0).map(move |x| [x, y, z])));
+        let others: Vec<f64> = around
+            .filter_map(|place| left.get(at[index(place)]).filter(|_| place != cells[i].at))
+            .map(|other| (other - left[i]).abs())
+            .collect();
+        let alike = others.iter().filter(|d| **d < ALIKE * left[i].abs()).count();
+        alike >= MIN_ALIKE && 2 * alike >= others.len()
+    };
+    let again: Vec<usize> = (0..cells.len()).filter(|&i| cells[i].weight < 0.5 && agrees(i)).collect();
+    for i in again {
+        cells[i].weight = 1.0;
+    }
 }
 
 /// What the polynomial leaves at the middle of each cell, with its variance.

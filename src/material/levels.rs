@@ -111,6 +111,31 @@ impl Levels {
         (polynomial + self.residue(level, at)[0]).clamp(level.range[0], level.range[1])
     }
 
+    /// The terms of a level's polynomial at a place (voxels).
+    #[must_use]
+    pub fn terms(&self, at: [f64; 3]) -> [f64; TERMS] {
+        terms(self.relative(at))
+    }
+
+    /// The same with another level of a material that has no voxel well inside: a polynomial of
+    /// [`Levels::terms`] with its covariance.
+    ///
+    /// # Panics
+    /// If the material is not in the table.
+    #[must_use]
+    pub fn with_polynomial(
+        &self,
+        material: MaterialId,
+        polynomial: [f64; TERMS],
+        covariance: [[f64; TERMS]; TERMS],
+    ) -> Self {
+        let mut levels = self.clone();
+        let range = [f64::NEG_INFINITY, f64::INFINITY];
+        levels.materials[usize::from(material.0)] =
+            Level { polynomial, covariance, residue: Vec::new(), range, drift: None };
+        levels
+    }
+
     fn relative(&self, at: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| (at[a] - self.centre[a]) / self.unit)
     }

@@ -28,7 +28,7 @@ mod two_classes;
 
 pub use blur::{Blur, DEFAULT_RADIUS, MAX_ESTIMATED_RADIUS, MAX_RADIUS, RADIUS_PER_SIGMA, radius_per_axis};
 pub use counts::GreyCounts;
-pub use edge_profile::{EdgeProfile, ProfileBin};
+pub use edge_profile::{EdgeProfile, Misfit, ProfileBin};
 pub use find::{FindError, Found, MIN_INSIDE_SHARE, Rejected, check_count, default_name, find_materials};
 pub use histogram::Histogram;
 pub use level_sums::{CellSums, LevelSums};

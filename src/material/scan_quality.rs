@@ -1,14 +1,15 @@
 //! One look at a volume whose materials are known: how blurred it is, and how noisy.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use rayon::prelude::*;
 
 use super::blur::Blur;
-use super::blur_axes::{Fitted, blur};
+use super::blur_axes::{Fitted, blur, weighted_median};
 use super::edge_fit::fit;
 use super::edge_patches::{Patches, REACH};
-use super::edge_profile::EdgeProfile;
+use super::edge_profile::{EdgeProfile, Misfit};
 use super::local_noise::{self, Lines, Noise};
 use super::sampling::steps;
 use super::table::MaterialTable;
@@ -85,9 +86,37 @@ impl<'a> Look<'a> {
             .into_par_iter()
             .filter_map(|(patch, weight)| fit(&patch, spacing).map(|fit| (patch, fit, weight)))
             .collect();
-        let (blur, profile) = blur(self.geometry, &fitted);
-        ScanQuality { blur, profile, noise: self.lines.finish(whole) }
+        let noise = self.lines.finish(whole);
+        let (blur, mut profile) = blur(self.geometry, &fitted);
+        if let Some(profile) = &mut profile {
+            profile.misfits = misfits(&fitted, &noise);
+        }
+        ScanQuality { blur, profile, noise }
     }
+}
+
+/// Fewest patches of a pair that tell something.
+const MIN_PATCHES: usize = 12;
+
+/// What the interfaces of each pair show beyond the noise of their materials.
+fn misfits(fitted: &[Fitted], noise: &[Option<Noise>]) -> Vec<Misfit> {
+    let mut beyond: BTreeMap<[usize; 2], Vec<(f64, f64)>> = BTreeMap::new();
+    for (patch, fit, weight) in fitted {
+        let [a, b] = patch.materials;
+        let known = || [a, b].into_iter().filter_map(|m| noise[m].as_ref().map(|n| n.sigma * n.sigma));
+        let count = known().count();
+        if count > 0 {
+            let contrast = fit.plateaus[1] - fit.plateaus[0];
+            let share = (fit.rms * fit.rms - known().sum::<f64>() / count as f64) / (contrast * contrast);
+            beyond.entry([a.min(b), a.max(b)]).or_default().push((share, *weight));
+        }
+    }
+    let told = beyond.into_iter().filter(|(_, patches)| patches.len() >= MIN_PATCHES);
+    told.map(|(pair, found)| {
+        let patches = found.len();
+        Misfit { pair, patches, share: weighted_median(found).max(0.0).sqrt() }
+    })
+    .collect()
 }
 
 #[cfg(test)]
