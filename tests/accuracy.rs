@@ -9,7 +9,7 @@ use interfacet::execution::Execution;
 use interfacet::mesh::{CheckOptions, check};
 use interfacet::phantom::compare::{CompareOptions, Comparison, DISTURBED, compare};
 use interfacet::phantom::{Phantom, PhantomOptions, SceneName, Topology};
-use interfacet::pipeline::{PipelineError, PipelineOptions, extract};
+use interfacet::pipeline::{Accuracy, PipelineError, PipelineOptions, extract};
 use interfacet::volume::MemorySource;
 
 /// Sigma squared of the default phantom's blur and voxel, in voxels.
@@ -44,7 +44,8 @@ fn run_with(options: &PhantomOptions, expected: std::ops::Range<f64>) -> Found {
     let phantom = Phantom::new(options).unwrap();
     let source =
         MemorySource::new(phantom.geometry().clone(), phantom.rasterise(&execution).unwrap()).unwrap();
-    let extraction = extract(&source, &PipelineOptions::default(), &execution).unwrap();
+    let published = PipelineOptions { accuracy: Accuracy::Paper, ..PipelineOptions::default() };
+    let extraction = extract(&source, &published, &execution).unwrap();
     assert_eq!(
         extraction.findings.materials.count(),
         phantom.materials().count(),
