@@ -230,7 +230,10 @@ impl<S: Sample> Run<'_, S> {
         let levels = Levels::new(&levels, &materials);
         let scan = match self.options.accuracy {
             Accuracy::Paper => None,
-            Accuracy::Full => curves::scan(&geometry, &materials, &blur, &levels, &noise),
+            Accuracy::Full => {
+                let misfits = profile.as_ref().map_or(&[][..], |p| &p.misfits);
+                curves::scan(&geometry, &materials, &blur, &levels, &noise, misfits, range_of::<S>())
+            }
         };
         let surface = Surface {
             geometry: &geometry,
@@ -476,6 +479,14 @@ impl<S: Sample> Run<'_, S> {
         Ok(self
             .costs
             .measure("classify", || classify_slabs(window, materials, blur.radius, &plan, execution)))
+    }
+}
+
+/// The smallest and the largest value of a sample type; infinite if there are too many in between to be clipped at.
+fn range_of<S: Sample>() -> [f64; 2] {
+    match S::LEVELS {
+        0 => [f64::NEG_INFINITY, f64::INFINITY],
+        levels => [0, levels - 1].map(|l| f64::from(S::at_level(l).to_f32())),
     }
 }
 

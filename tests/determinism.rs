@@ -72,5 +72,19 @@ fn models_are_the_same_in_slabs() {
     }
 }
 
+/// Levels from places all over the volume, labels from seeds beside the slab.
+#[test]
+fn thin_parts_are_the_same_in_slabs() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = folder.path().join("phantom.mha");
+    let input = input.to_str().unwrap();
+    let ways: [&[&str]; 3] = [&[], &["--slab", "1", "--threads", "1"], &["--slab", "13", "--threads", "3"]];
+    for scene in [&["thin-layer", "--thickness", "2.5"][..], &["pores"]] {
+        let size = ["--size", "56,52,60", "--fill", "0.85", "--out", input];
+        program(&[&["phantom"], scene, &size].concat());
+        assert_same(input, &["--accuracy", "full"], &ways);
+    }
+}
+
 /// Four materials that meet in curves and points.
 const PHANTOM: &str = "four-materials";

@@ -128,6 +128,11 @@ impl Brick {
         Self { labels: LabelVolume::from_planes(b), junction }
     }
 
+    /// A brick as it was kept.
+    pub(super) fn stored(labels: LabelVolume, junction: BitPlanes) -> Self {
+        Self { labels, junction }
+    }
+
     /// The padded slices of voxels that it holds.
     #[must_use]
     pub fn slices(&self) -> Range<usize> {

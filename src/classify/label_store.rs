@@ -9,10 +9,11 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::Path;
 
-use super::bit_planes::BitPlanes;
+use super::bit_planes::{BitPlanes, WORD};
 use super::bricks::Brick;
 use super::error::ClassifyError;
 use super::label_volume::LabelVolume;
+use crate::grid::MaterialId;
 
 /// Labels and junction flags of a volume; see the module's header.
 #[derive(Debug)]
@@ -122,6 +123,36 @@ impl LabelStore {
                 Ok((Cow::Owned(labels), Cow::Owned(junction)))
             }
         }
+    }
+
+    /// Gives voxels (z, y, x; ascending) a material; they are no longer flagged as junction.
+    ///
+    /// # Errors
+    /// [`ClassifyError::Scratch`] if the file cannot be read or written.
+    pub fn relabel(
+        &mut self,
+        voxels: impl Iterator<Item = ([u32; 3], MaterialId)>,
+    ) -> Result<(), ClassifyError> {
+        let mut voxels = voxels.peekable();
+        while let Some(&([z, ..], _)) = voxels.peek() {
+            let slice = z as usize + 1;
+            let mut set = |labels: &mut LabelVolume, junction: &mut BitPlanes| {
+                while let Some(([_, y, x], material)) = voxels.next_if(|v| v.0[0] == z) {
+                    let [x, y] = [x, y].map(|c| c as usize + 1);
+                    labels.set([x, y, slice], material);
+                    junction.row_mut(0, y, slice)[x / WORD] &= !(1 << (x % WORD));
+                }
+            };
+            if let Place::Memory(labels, junction) = &mut self.place {
+                set(labels, junction);
+                continue;
+            }
+            let (labels, junction) = self.read(slice..slice + 1)?;
+            let (mut labels, mut junction) = (labels.into_owned(), junction.into_owned());
+            set(&mut labels, &mut junction);
+            self.write(&Brick::stored(labels, junction))?;
+        }
+        Ok(())
     }
 }
 

@@ -259,15 +259,19 @@ fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Ro
     Some(Start { cell, seed: *seed, wedge, materials })
 }
 
+/// A voxel this far (blur units) on the wrong side contradicts an edge; so many may.
+const WRONG: f64 = 1.3;
+const MOST_WRONG: usize = 2;
+
 fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
     let Start { seed, wedge, materials, .. } = start;
     let (mut wedge, materials) = (wedge.clone(), *materials);
     let levels: [LevelPrior; 2] = materials.map(|m| view.level(m, seed.at));
     let contrast = (levels[0].mean - levels[1].mean).abs();
-    let noise = view.noise(&materials).hypot(MODEL * contrast);
+    let reading = view.reading(&materials, MODEL);
     let prior = Prior {
         levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(LEVEL * contrast) }),
-        noise,
+        reading,
         log_sigma: SIGMA,
         curvature: CURVATURE,
         bends: [None; 2],
@@ -275,8 +279,10 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
     let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
     let mut on: Vec<Flank> = Vec::new();
     let mut last: Option<WedgeFit<2, EDGE>> = None;
+    let mut from = wedge.origin;
     for pass in 0..2 {
-        view.samples(seed.at, wedge.origin, FULL, &mut seen, &mut samples);
+        from = wedge.origin;
+        view.samples(seed.at, from, FULL, &mut seen, &mut samples);
         // A third material, or another part, is none of the edge's.
         if seen.iter().any(|s| !materials.contains(&s.label)) {
             let near: Vec<DVec3> = seen
@@ -292,7 +298,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
         let bends = flanks_of(view, flats, seed.at, &wedge, &materials, &mut on);
         let prior = Prior { bends, ..prior };
         let planar = wedge.fit(&samples, &on, &prior, Stage::Planar)?;
-        if planar.reduced().sqrt() * noise > HOPELESS * contrast {
+        if planar.reduced().sqrt() * reading.noise > HOPELESS * contrast {
             return None;
         }
         let best = planar.or_curved(&samples, &on, &prior);
@@ -311,7 +317,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
     let turn = (angle - std::f64::consts::PI).abs();
     let accepted = fit.wedge.apex(0.0).length() < 1.0
         && fit.apex_sigma(0.0)[1] < UNSURE
-        && fit.explains(noise, contrast)
+        && fit.explains(&reading, contrast)
         && turn > 0.35
         && turn < 2.8
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA;
@@ -319,10 +325,21 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
         return None;
     }
     let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
-    Some(Site {
+    let site = Site {
         middle: seed.at,
         at,
         materials: [materials[0], materials[1], materials[1]],
         model: Model::Edge(Box::new(fit)),
-    })
+    };
+    let wrong = seen.iter().filter(|s| contradicts(&site, s, s.sample.at + from)).count();
+    (wrong <= MOST_WRONG).then_some(site)
+}
+
+/// Whether a voxel's label is another than the edge says, though no interface of it is near: another sheet is.
+fn contradicts(site: &Site, seen: &Seen, at: DVec3) -> bool {
+    !seen.uncertain
+        && site.material(at) != seen.label
+        && site
+            .passage([site.materials[0], site.materials[1]], at)
+            .is_none_or(|passage| passage.distance.abs() > WRONG)
 }

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
 use glam::{DVec2, DVec3};
 
-use super::sheet::Sample;
+use super::sheet::{Reading, Sample};
 
 /// The lattice in a ball of `radius` blur units, turned and shifted so that no voxel lies on an axis by accident;
 /// grey values by `grey`.
@@ -39,6 +39,11 @@ pub(super) fn noisy(samples: &[Sample], sigma: f64, seed: u64) -> Vec<Sample> {
         (-2.0 * a.ln()).sqrt() * (TAU * b).cos()
     };
     samples.iter().zip(0..).map(|(s, i)| Sample { grey: s.grey + sigma * normal(i), ..*s }).collect()
+}
+
+/// Grey values that are never clipped.
+pub(super) fn reading(noise: f64) -> Reading {
+    Reading { noise, clip: [f64::NEG_INFINITY, f64::INFINITY] }
 }
 
 pub(super) fn density(x: f64) -> f64 {

@@ -74,7 +74,7 @@ pub(super) fn flanks_of<S: volume::Sample, const R: usize, const N: usize>(
     out: &mut Vec<Flank>,
 ) -> [Option<(f64, f64)>; R] {
     out.clear();
-    let rays = wedge.rays();
+    let rays = wedge.rays(0.0);
     // Weighted sums of curvature, of weights.
     let mut bends = [[0.0f64; 2]; R];
     let reach = view.units.voxel(DVec3::splat(FARTHEST + 1.0)).max_element();

@@ -20,6 +20,12 @@ impl BlurUnits {
         Self { per_voxel: sigma.recip(), mean_voxels: (sigma.x * sigma.y * sigma.z).cbrt() }
     }
 
+    /// For a blur that is wider by a factor.
+    #[must_use]
+    pub fn wider(&self, factor: f64) -> Self {
+        Self { per_voxel: self.per_voxel / factor, mean_voxels: self.mean_voxels * factor }
+    }
+
     /// Of a point in voxels.
     #[inline]
     #[must_use]

@@ -3,7 +3,8 @@
 //! Seeds are the junction cells (three labels among eight corners) that thinning left, one fit for those of a block.
 //! The start needs the published result alone (`../shared/notes/junctions.md`, "Method" 1): the mean of the
 //! block's junction cells, the direction in which those around spread most, and a ray per pair towards the mean of its
-//! crossings around. Then rough fits in a small ball, and fits in a larger one with places on the flanks where patches
+//! crossings around. Where that leads nowhere and patches are known, the line on which their planes meet (`flat_starts`).
+//! Then rough fits in a small ball, and fits in a larger one with places on the flanks where patches
 //! know the interface of a pair alone; planar first, curved if that explains the grey values better.
 //!
 //! Acceptance: the fit explains the grey values; the curve lies in the ball, its place is known; rays do not
@@ -16,7 +17,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::flanks::{FlatIndex, flanks_of};
-use super::frame::basis;
+use super::flat_starts::{meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
@@ -37,8 +38,9 @@ const TURN: f64 = 0.5;
 const AROUND: f64 = 7.0;
 /// Junction cells around a seed that tell the direction lie within this distance, voxels.
 const SPREAD: f64 = 6.0;
-/// Standard deviation of grey levels, as a share of the smallest contrast, beside what the levels say.
-const LEVEL: f64 = 0.03;
+/// Standard deviation of grey levels, as a share of the smallest contrast, and of the largest, beside what the levels say:
+/// what a dense material does to the scan it does to its neighbours.
+const LEVEL: [f64; 2] = [0.03, 0.01];
 /// Standard deviation of the logarithm of sigma.
 const SIGMA: f64 = 0.1;
 /// Standard deviation of curvatures, per blur unit.
@@ -47,22 +49,28 @@ const CURVATURE: f64 = 0.05;
 const MODEL: f64 = 0.0005;
 /// Largest standard deviation of the curve's place, blur units.
 const UNSURE: f64 = 0.4;
-/// The curve may move this far from its seed, blur units.
+/// The curve may move this far from its seed, and from where patches say it is, blur units.
 const FARTHEST: f64 = 5.0;
+const FOUND: f64 = 2.5;
 
-/// Fits the junction curves whose blocks begin in the slices `core`.
+/// Fits the junction curves whose blocks begin in the slices `core`, but for seeds from which one of `known` was found.
 #[must_use]
 pub(super) fn junction_sites<S: volume::Sample>(
     view: &View<'_, S>,
     flats: &FlatIndex<'_>,
+    known: &[Site],
     core: Range<usize>,
 ) -> Vec<Site> {
+    let order = |a: DVec3, b: DVec3| a.z.total_cmp(&b.z).then(a.y.total_cmp(&b.y)).then(a.x.total_cmp(&b.x));
+    let mut found: Vec<DVec3> = known.iter().map(|site| site.middle).collect();
+    found.sort_by(|a, b| order(*a, *b));
+    let is_new = |seed: &&Seed| found.binary_search_by(|at| order(*at, seed.at)).is_err();
     let last = view.slab.size()[2] - 1;
     let seeds: Vec<Seed> = blocks_of(&core, BLOCK)
         .into_par_iter()
         .flat_map_iter(|b| seeds(view, b * BLOCK..((b + 1) * BLOCK).min(last)))
         .collect();
-    seeds.par_iter().filter_map(|seed| fit(view, flats, seed)).collect()
+    seeds.par_iter().filter(is_new).filter_map(|seed| fit(view, flats, seed)).collect()
 }
 
 /// The layers of blocks (of `side` slices) that begin in the slices `core`.
@@ -134,6 +142,17 @@ fn seeds<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<See
         .collect()
 }
 
+/// Where blocks in these slices have junction cells, voxels.
+#[must_use]
+pub(super) fn junction_places<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<DVec3> {
+    let held = view.slab.slices();
+    let blocks = slices.start / BLOCK..slices.end.div_ceil(BLOCK);
+    let of = |b: usize| b * BLOCK..((b + 1) * BLOCK).min(view.slab.size()[2] - 1);
+    let blocks: Vec<Range<usize>> =
+        blocks.map(of).filter(|r| held.start <= r.start && r.end < held.end).collect();
+    blocks.into_par_iter().flat_map_iter(|r| seeds(view, r)).map(|seed| seed.at).collect()
+}
+
 /// Direction of the curve, and rays with the sectors between them (indices into the seed's materials).
 struct Start {
     direction: DVec3,
@@ -192,40 +211,49 @@ fn start<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Start> {
     let eigen = SymmetricEigen::new(matrix);
     let v = eigen.eigenvectors.column(eigen.eigenvalues.imax());
     let direction = DVec3::new(v[0], v[1], v[2]).try_normalize()?;
-    let [e1, e2, _] = basis(direction);
-    let mut rays: Vec<(f64, DVec3, [usize; 2])> = Vec::with_capacity(3);
-    for pair in [[0, 1], [0, 2], [1, 2]] {
+    let mut rays = [DVec3::ZERO; 3];
+    for (ray, pair) in rays.iter_mut().zip([[0, 1], [0, 2], [1, 2]]) {
         let sum = sums[pair[0]][pair[1]];
-        let ray = (sum - direction * sum.dot(direction)).try_normalize()?;
-        rays.push((f64::atan2(ray.dot(e2), ray.dot(e1)), ray, pair));
+        *ray = (sum - direction * sum.dot(direction)).try_normalize()?;
     }
-    rays.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut sectors = [0; 3];
-    for i in 0..3 {
-        let (here, next) = (rays[i].2, rays[(i + 1) % 3].2);
-        sectors[i] = *here.iter().find(|k| next.contains(k))?;
-    }
-    Some(Start { direction, rays: [rays[0].1, rays[1].1, rays[2].1], sectors })
+    let (rays, sectors) = ordered(direction, rays)?;
+    Some(Start { direction, rays, sectors })
 }
 
 /// The fit of a seed, if it is accepted.
 fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
-    let start = start(view, seed)?;
+    let by_labels =
+        start(view, seed).and_then(|start| fit_from(view, flats, seed, (seed.at, FARTHEST), &start));
+    by_labels.or_else(|| {
+        let found = meeting(view, flats, seed.at, seed.materials)?;
+        let (rays, sectors) = ordered(found.direction, found.rays)?;
+        let start = Start { direction: found.direction, rays, sectors };
+        fit_from(view, flats, seed, (seed.at + view.units.voxel(found.at), FOUND), &start)
+    })
+}
+
+/// The fit from a start about a middle (voxels), from which it may move so far (blur units).
+fn fit_from<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    seed: &Seed,
+    (middle, most): (DVec3, f64),
+    start: &Start,
+) -> Option<Site> {
     let materials = start.sectors.map(|k| seed.materials[k]);
-    let prior = prior(view, seed.at, materials);
-    let levels = prior.levels;
+    let prior = prior(view, middle, materials);
+    let levels = prior.levels.map(|l| l.mean);
     let mut seen: Vec<Seen> = Vec::new();
     let mut samples: Vec<Sample> = Vec::new();
-    let mut wedge =
-        Wedge::<3, JUNCTION>::new(DVec3::ZERO, start.direction, start.rays, levels.map(|l| l.mean));
+    let mut wedge = Wedge::<3, JUNCTION>::new(DVec3::ZERO, start.direction, start.rays, levels);
     for _ in 0..2 {
-        view.samples(seed.at, wedge.origin, ROUGH, &mut seen, &mut samples);
+        view.samples(middle, wedge.origin, ROUGH, &mut seen, &mut samples);
         wedge = wedge.fit(&samples, &[], &prior, Stage::Rough)?.wedge.recentred(0.0);
-        if wedge.origin.length() > FARTHEST {
+        if wedge.origin.length() > most {
             return None;
         }
     }
-    finish(view, flats, seed.at, wedge, materials, &prior)
+    finish(view, flats, (middle, most), wedge, materials, &prior)
 }
 
 /// What is known before the fits at a place.
@@ -234,9 +262,10 @@ fn prior<S: volume::Sample>(view: &View<'_, S>, at: DVec3, materials: [MaterialI
     let mut sorted = levels.map(|l| l.mean);
     sorted.sort_by(f64::total_cmp);
     let smallest = (sorted[1] - sorted[0]).min(sorted[2] - sorted[1]);
+    let level = (LEVEL[0] * smallest).hypot(LEVEL[1] * (sorted[2] - sorted[0]));
     Prior {
-        levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(LEVEL * smallest) }),
-        noise: view.noise(&materials).hypot(MODEL * (sorted[2] - sorted[0])),
+        levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(level) }),
+        reading: view.reading(&materials, MODEL),
         log_sigma: SIGMA,
         curvature: CURVATURE,
         bends: [None; 3],
@@ -258,7 +287,7 @@ pub(super) fn refine<S: volume::Sample>(
         .map(|&site| {
             let Model::Junction(fit) = &site.model else { return site.clone() };
             let prior = prior(view, site.at, site.materials);
-            finish(view, flats, site.middle, fit.wedge.recentred(0.0), site.materials, &prior)
+            finish(view, flats, (site.middle, FARTHEST), fit.wedge.recentred(0.0), site.materials, &prior)
                 .unwrap_or_else(|| site.clone())
         })
         .collect()
@@ -268,7 +297,7 @@ pub(super) fn refine<S: volume::Sample>(
 fn finish<S: volume::Sample>(
     view: &View<'_, S>,
     flats: &FlatIndex<'_>,
-    middle: DVec3,
+    (middle, most): (DVec3, f64),
     mut wedge: Wedge<3, JUNCTION>,
     materials: [MaterialId; 3],
     prior: &Prior<3>,
@@ -292,7 +321,7 @@ fn finish<S: volume::Sample>(
         let still = best.wedge.apex(0.0).length() < 0.1;
         last = Some(best);
         // What a pass reads beyond its slices is enough up to here.
-        if wedge.origin.length() > FARTHEST {
+        if wedge.origin.length() > most {
             return None;
         }
         if pass == 0 && still {
@@ -301,9 +330,9 @@ fn finish<S: volume::Sample>(
     }
     let fit = last?;
     let accepted = fit.wedge.apex(0.0).length() < 1.0
-        && fit.wedge.origin.length() <= FARTHEST
+        && fit.wedge.origin.length() <= most
         && fit.apex_sigma(0.0)[1] < UNSURE
-        && fit.explains(prior.noise, range_of(&prior.levels))
+        && fit.explains(&prior.reading, range_of(&prior.levels))
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA
         && fit.wedge.angles().iter().all(|a| *a > SMALLEST_ANGLE);
     if !accepted {

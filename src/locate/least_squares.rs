@@ -24,6 +24,8 @@ pub(super) struct Normal<const N: usize> {
     pub matrix: SMatrix<f64, N, N>,
     /// J^T r, r = prediction - measurement.
     pub right: SVector<f64, N>,
+    /// Which parameters move: nothing need be added for the others.
+    pub active: [bool; N],
 }
 
 /// What a fit is told beside the model.
@@ -57,6 +59,9 @@ pub struct Fit<const N: usize> {
 
 /// A step counts as small if no parameter moves by more than this share of its standard deviation.
 const SMALL: f64 = 0.05;
+
+/// Misfits are summed in single precision.
+const ROUNDING: f64 = 1e-6;
 
 /// Minimises the misfit from `start`. `None` if the normal matrix is singular even when damped.
 pub(super) fn minimise<const N: usize>(
@@ -102,7 +107,7 @@ pub(super) fn minimise<const N: usize>(
             }
         } else {
             lambda *= 8.0;
-            if lambda > 1e8 {
+            if lambda > 1e8 || (value - total).abs() < ROUNDING * total {
                 // No step improves it: a minimum, as far as rounding can tell.
                 converged = true;
                 break;
@@ -121,7 +126,7 @@ fn assemble<const N: usize>(
     problem: &Problem<N>,
     x: &SVector<f64, N>,
 ) -> (f64, Normal<N>) {
-    let mut equations = Normal { matrix: SMatrix::zeros(), right: SVector::zeros() };
+    let mut equations = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: problem.active };
     let chi2 = model.normal_equations(x, &mut equations);
     for i in 0..N {
         if problem.active[i] {

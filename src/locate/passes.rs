@@ -2,7 +2,7 @@
 //!
 //! 1. [`find_junctions`]: junction curves, from labels and grey values.
 //! 2. [`find_sheets`]: patches of single interfaces, away from those curves; and where they are no smooth sheets.
-//! 3. [`find_curves`]: junction curves again, with patches on their flanks; sharp edges.
+//! 3. [`find_curves`]: junction curves again, with patches on their flanks; sharp edges; corners.
 //! 4. [`models`]: labels that agree with all curves, patches away from all of them, labels that agree with those.
 //!
 //! What the first three find is kept for the whole volume (it follows the curves); each pass reads
@@ -10,13 +10,19 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
+
+use super::cone_sites::cone_sites;
+use super::corner_sites::corner_sites;
 use super::edge_sites::edge_sites;
 use super::flanks::FlatIndex;
+use super::flat_starts;
 use super::frame::BlurUnits;
 use super::junction_sites::{blocks_of, junction_sites, refine};
 use super::patches::{BLOCK, Flat, Patches, Rough};
 use super::site::Site;
 use super::sites::Sites;
+use super::specks::remove_specks;
 use super::view::View;
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::volume::Sample;
@@ -25,12 +31,13 @@ use crate::volume::Sample;
 #[must_use]
 pub fn halo(units: BlurUnits) -> usize {
     // A window's middle is moved, then a ball is taken about it; and labels are looked at around.
-    let reach = 10.0 / units.per_voxel.z;
-    reach.ceil() as usize + 8
+    let unit = 1.0 / units.per_voxel.z;
+    // From patches it starts farther off, but labels are not looked at there.
+    (10.0 * unit + 8.0).max((flat_starts::FARTHEST + 9.2) * unit).ceil() as usize
 }
 
-/// [`halo`] at most: for a blur of sigma 3.2 voxels along z. Models are not used for a wider one.
-pub const MOST_HALO: usize = 40;
+/// [`halo`] at most: for a blur of sigma 2.6 voxels along z. Models are not used for a wider one.
+pub const MOST_HALO: usize = 48;
 
 /// Patches of single interfaces, and where crossings are no smooth sheet.
 #[derive(Debug, Default)]
@@ -52,7 +59,7 @@ impl Sheets {
 /// Pass 1, of the slices `core`.
 #[must_use]
 pub fn find_junctions<S: Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<Site> {
-    junction_sites(view, &FlatIndex::new(&[]), core)
+    junction_sites(view, &FlatIndex::new(&[]), &[], core)
 }
 
 /// Pass 2, of the slices `core`; `junctions` are those of the whole volume.
@@ -60,7 +67,44 @@ pub fn find_junctions<S: Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<
 pub fn find_sheets<S: Sample>(view: &View<'_, S>, junctions: &Sites, core: Range<usize>) -> Sheets {
     let relabelled = Relabelled::new(view, junctions);
     let Patches { flats, rough, .. } = Patches::fit(&relabelled.view(view), blocks_of(&core, BLOCK));
+    let places = rough.iter().map(|r| r.at).chain(junctions.all().iter().map(|site| site.at));
+    let asked = Neighbourhood::new(places, view.units.voxel(DVec3::splat(ASKED)).max_element());
+    let near_ends = |z: f64| z < core.start as f64 + asked.reach || z > core.end as f64 - asked.reach;
+    let flats = flats.into_iter().filter(|flat| near_ends(flat.at.z) || asked.contains(flat.at)).collect();
     Sheets { flats, rough }
+}
+
+/// Patches are asked about within this distance of junctions and rough blocks, blur units: a wedge lies within 5 of its
+/// seed, its flanks within 7.5 of it. Others need not be kept: they follow the whole surface.
+const ASKED: f64 = 13.0;
+
+/// What is near to some places.
+struct Neighbourhood {
+    reach: f64,
+    /// Boxes of edge `reach` with a place, sorted.
+    boxes: Vec<[i32; 3]>,
+}
+
+impl Neighbourhood {
+    fn new(places: impl Iterator<Item = DVec3>, reach: f64) -> Self {
+        let mut boxes: Vec<[i32; 3]> = places.map(|at| Self::box_of(at, reach)).collect();
+        boxes.sort_unstable();
+        boxes.dedup();
+        Self { reach, boxes }
+    }
+
+    fn box_of(at: DVec3, reach: f64) -> [i32; 3] {
+        at.to_array().map(|c| (c / reach).floor() as i32)
+    }
+
+    /// Whether a place is within reach of one of them, or a little farther.
+    fn contains(&self, at: DVec3) -> bool {
+        let [x, y, z] = Self::box_of(at, self.reach);
+        (0..27).any(|i| {
+            let near = [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1];
+            self.boxes.binary_search(&near).is_ok()
+        })
+    }
 }
 
 /// Pass 3, of the slices `core`; `junctions` and `sheets` are those of the whole volume.
@@ -73,8 +117,13 @@ pub fn find_curves<S: Sample>(
 ) -> Vec<Site> {
     let flats = FlatIndex::new(&sheets.flats);
     let mut found = refine(view, &flats, junctions.all(), &core);
+    // What was refused at first may be accepted with the flanks known.
+    found.extend(junction_sites(view, &flats, junctions.all(), core.clone()));
     let relabelled = Relabelled::new(view, junctions);
-    found.extend(edge_sites(&relabelled.view(view), &flats, &sheets.rough, core));
+    let relabelled = relabelled.view(view);
+    found.extend(corner_sites(&relabelled, &flats, &sheets.rough, &core));
+    found.extend(cone_sites(&relabelled, &flats, junctions.all(), &core));
+    found.extend(edge_sites(&relabelled, &flats, &sheets.rough, core));
     found
 }
 
@@ -117,6 +166,7 @@ impl Relabelled {
         let planes = || BitPlanes::window(before.slab.size(), 1, labels.codes().slices());
         let (mut zone, mut uncertain) = (planes(), planes());
         sites.relabel(&mut labels, &mut zone, &mut uncertain);
+        remove_specks(&mut labels, &zone);
         let rows = uncertain.padded()[1];
         uncertain.fill_slices(|z, mut slice| {
             for y in 0..rows {

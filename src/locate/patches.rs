@@ -12,10 +12,13 @@ use std::ops::Range;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::ball_model::KeptBall;
 use super::crossing_edges::crossing_edges;
 use super::frame::BlurUnits;
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample, Sheet, fit_sheet};
+use super::specks::settle;
+use super::thin_faces::{ThinFace, thin_face};
 use super::view::{Seen, View};
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::grid::MaterialId;
@@ -34,10 +37,12 @@ const WRONG: f64 = 1.3;
 const TAINTED: f64 = 2.4;
 /// The model's own errors, as a share of the contrast: what is left without noise.
 const MODEL: f64 = 0.003;
+/// Standard deviation of grey levels, as a share of the contrast, beside what the levels say: they drift towards surfaces.
+const LEVEL: f64 = 0.03;
 /// Largest curvature at which the model of a sheet holds, per blur unit.
 pub(super) const MOST_CURVED: f64 = 0.45;
 /// A fit that leaves its block's crossings by more than this (voxels) is of another sheet.
-const FARTHEST: f64 = 1.0;
+pub(super) const FARTHEST: f64 = 1.0;
 
 /// A fitted patch, as its neighbours need it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +85,26 @@ struct Kept {
     covariance: [f32; 21],
 }
 
+/// What is kept of a block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Shape {
+    Sheet(Kept),
+    Ball(KeptBall),
+    /// No model explains it.
+    Rough,
+}
+
+impl Shape {
+    /// At a place in blur units from the block's corner.
+    fn passage(&self, at: DVec3) -> Option<Passage> {
+        match self {
+            Self::Sheet(sheet) => Some(sheet.passage(at)),
+            Self::Ball(ball) => Some(ball.passage(at)),
+            Self::Rough => None,
+        }
+    }
+}
+
 /// The patches of a run of slices.
 #[derive(Debug, Default)]
 pub struct Patches {
@@ -90,7 +115,7 @@ pub struct Patches {
     first: Vec<u32>,
     /// Place of the block in its row, and the pair, ascending; several sheets of a pair are apart.
     keys: Vec<(u16, [MaterialId; 2])>,
-    kept: Vec<Kept>,
+    kept: Vec<Shape>,
     /// By block.
     pub flats: Vec<Flat>,
     /// By block.
@@ -111,7 +136,7 @@ struct Edge {
 
 #[derive(Default)]
 struct Layer {
-    sheets: Vec<([u16; 2], [MaterialId; 2], Kept)>,
+    sheets: Vec<([u16; 2], [MaterialId; 2], Shape)>,
     flats: Vec<Flat>,
     rough: Vec<Rough>,
 }
@@ -149,18 +174,31 @@ impl Patches {
         pair: [MaterialId; 2],
         at: DVec3,
     ) -> Option<Passage> {
+        let corner = DVec3::from(from.map(|c| (c / BLOCK * BLOCK) as f64));
+        self.own(from, pair)
+            .iter()
+            .filter_map(|shape| shape.passage(units.of(at - corner)))
+            .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
+    }
+
+    /// Whether the interface of a pair (ascending) passes the block that voxel `from` is in, fitted or not.
+    #[must_use]
+    pub fn passes(&self, from: [usize; 3], pair: [MaterialId; 2]) -> bool {
+        !self.own(from, pair).is_empty()
+    }
+
+    /// What is kept of the block of a voxel.
+    fn own(&self, from: [usize; 3], pair: [MaterialId; 2]) -> &[Shape] {
         let block = from.map(|c| c / BLOCK);
-        if !self.layers.contains(&block[2]) {
-            return None;
+        if !self.layers.contains(&block[2]) || block[1] >= self.height {
+            return &[];
         }
         let row = (block[2] - self.layers.start) * self.height + block[1];
         let range = self.first[row] as usize..self.first[row + 1] as usize;
         let key = (block[0] as u16, pair);
-        let first = range.start + self.keys[range.clone()].partition_point(|k| *k < key);
-        let corner = DVec3::from(block.map(|c| (c * BLOCK) as f64));
-        let own = (first..range.end).take_while(|&i| self.keys[i] == key);
-        own.map(|i| self.kept[i].passage(units.of(at - corner)))
-            .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
+        let keys = &self.keys[range.clone()];
+        let (first, end) = (keys.partition_point(|k| *k < key), keys.partition_point(|k| *k <= key));
+        &self.kept[range.start + first..range.start + end]
     }
 }
 
@@ -213,6 +251,8 @@ impl Patches {
         for (voxel, material) in &wrong {
             labels.set(voxel.map(|c| c + 1), *material);
         }
+        // Neighbours judge by patches of their own: what they leave alone follows them.
+        settle(labels, &wrong.iter().map(|(voxel, _)| voxel.map(|c| c + 1)).collect::<Vec<_>>(), 1);
     }
 }
 
@@ -304,8 +344,10 @@ fn layer<S: volume::Sample>(view: &View<'_, S>, block_z: usize) -> Layer {
 fn sides(group: &[Edge]) -> Vec<Vec<Edge>> {
     let count =
         |axis: u8, rising: bool| group.iter().filter(|e| e.axis == axis && e.rising == rising).count();
-    let split = (0..3u8).max_by_key(|&a| (count(a, true).min(count(a, false)), 2 - a));
-    let Some(axis) = split.filter(|&a| count(a, true) > 0 && count(a, false) > 0) else {
+    // The axis nearest to the normal has most edges; of others those of a single face may show both directions.
+    let both = (0..3u8).filter(|&a| count(a, true) > 0 && count(a, false) > 0);
+    let split = both.max_by_key(|&a| (count(a, true) + count(a, false), 2 - a));
+    let Some(axis) = split else {
         return vec![group.to_vec()];
     };
     let mean = |rising: bool| {
@@ -344,19 +386,34 @@ fn block<S: volume::Sample>(
     let pair = first.pair;
     let direction: DVec3 =
         edges.iter().map(|e| DVec3::AXES[usize::from(e.axis)] * if e.rising { 1.0 } else { -1.0 }).sum();
-    let sheet = fit_around(view, centre, pair, direction, seen)
-        .filter(|sheet| view.units.voxel(sheet.point(0.0, 0.0)).length() < FARTHEST);
-    let Some(sheet) = sheet else {
-        out.rough.push(Rough { pair, at: centre });
-        return;
-    };
-    let at = sheet.point(0.0, 0.0);
     let corner = DVec3::new(
         f64::from(first.block[1]) * BLOCK as f64,
         f64::from(first.block[0]) * BLOCK as f64,
         (block_z * BLOCK) as f64,
     );
-    out.sheets.push((first.block, pair, Kept::new(&sheet, view.units.of(centre - corner))));
+    let from_corner = view.units.of(centre - corner);
+    let thin = thin_face(view, centre, pair, direction, seen);
+    // The mouth of a gap looks like a notch, but is no edge.
+    let unclear = matches!(thin, Some(ThinFace::Unclear));
+    let sheet = match thin {
+        Some(ThinFace::Sheet(sheet)) => Some(*sheet),
+        Some(ThinFace::Ball(ball, first_inside)) => {
+            let kept = KeptBall::new(&ball, from_corner, first_inside);
+            out.sheets.push((first.block, pair, Shape::Ball(kept)));
+            return;
+        }
+        Some(ThinFace::Unclear) | None => fit_around(view, centre, pair, direction, seen),
+    };
+    let sheet = sheet.filter(|sheet| view.units.voxel(sheet.point(0.0, 0.0)).length() < FARTHEST);
+    let Some(sheet) = sheet else {
+        out.sheets.push((first.block, pair, Shape::Rough));
+        if !unclear {
+            out.rough.push(Rough { pair, at: centre });
+        }
+        return;
+    };
+    let at = sheet.point(0.0, 0.0);
+    out.sheets.push((first.block, pair, Shape::Sheet(Kept::new(&sheet, from_corner))));
     out.flats.push(Flat {
         pair,
         at: centre + view.units.voxel(at),
@@ -409,8 +466,9 @@ fn fit_around<S: volume::Sample>(
     }
     let levels: [LevelPrior; 2] = pair.map(|m| view.level(m, centre));
     let contrast = (levels[1].mean - levels[0].mean).abs();
-    let noise = view.noise(&pair).hypot(MODEL * contrast);
-    let sheet = fit_sheet(&samples, DVec3::ZERO, normal, levels, noise)?;
+    let levels = levels.map(|l| LevelPrior { sigma: l.sigma.hypot(LEVEL * contrast), ..l });
+    let reading = view.reading(&pair, MODEL);
+    let sheet = fit_sheet(&samples, DVec3::ZERO, normal, levels, reading)?;
     let n = samples.len() as f64;
     let explained = sheet.fit.chi2 / n < 1.0 + 6.0 * (2.0 / n).sqrt() && sheet.fit.strain < 16.0;
     (explained && sheet.curvature() < MOST_CURVED).then_some(sheet)

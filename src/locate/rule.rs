@@ -90,13 +90,19 @@ impl<C: CrossingRule> Located<'_, C> {
         let mut next = voxel;
         next[axis] += 1;
         let start = DVec3::from(voxel.map(|c| c as f64));
-        [voxel, next].into_iter().find_map(|block_of| {
+        let by = |block_of: [usize; 3]| {
             self.solve(|t| {
                 let at = start + DVec3::AXES[axis] * t;
                 let passage = self.patches.passage(&self.units, block_of, pair, at)?;
                 Some(if rising { passage } else { passage.reversed() })
             })
-        })
+        };
+        let ends = [voxel, next];
+        if ends.iter().any(|&end| self.patches.passes(end, pair)) {
+            return ends.into_iter().find_map(by);
+        }
+        // The labels came to differ here after the patches were made: a neighbour's is of the same sheet.
+        ends.into_iter().flat_map(around).find_map(by)
     }
 
     /// The place on an edge where a distance is zero, by the secant method. The distance rises along the edge.
@@ -122,6 +128,15 @@ impl<C: CrossingRule> Located<'_, C> {
     }
 }
 
+/// The six neighbours of a voxel.
+fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    (0..6).map(move |k| {
+        let mut next = voxel;
+        next[k / 2] = if k % 2 == 0 { next[k / 2].wrapping_sub(1) } else { next[k / 2] + 1 };
+        next
+    })
+}
+
 impl<C: CrossingRule> Located<'_, C> {
     /// Where a curve of the asked kind passes the face across `axis` with lowest padded corner `low`.
     fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Node> {
@@ -136,8 +151,7 @@ impl<C: CrossingRule> Located<'_, C> {
         let voxel = DVec3::from(low.map(|c| c as f64 - 1.0));
         let mut middle = voxel + 0.5;
         middle[axis] -= 0.5;
-        let answer = self.sites.nearest(middle, kind)?;
-        let (at, sigma) = answer.site.pierces(axis, voxel[axis], self.units.per_voxel, FAR)?;
+        let (at, sigma) = self.sites.pierces(kind, [axis, low[axis] - 1], middle, FAR)?;
         let offset = at - voxel;
         let flat = DVec2::new(offset[(axis + 1) % 3], offset[(axis + 2) % 3]);
         if flat.min_element() < -ASIDE || flat.max_element() > 1.0 + ASIDE {
@@ -185,6 +199,12 @@ impl<C: CrossingRule> CrossingRule for Located<'_, C> {
 
     fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
         self.pierced(low, axis, CurveKind::Junction)
+    }
+
+    fn apex(&self, low: [usize; 3]) -> Option<Node> {
+        let voxel = DVec3::from(low.map(|c| c as f64 - 1.0));
+        let (at, sigma) = self.sites.corner(voxel)?;
+        Some(Node { at: (at - voxel).as_vec3().to_array(), sigma: self.voxels(sigma) as f32 })
     }
 
     fn has_kinks(&self) -> bool {

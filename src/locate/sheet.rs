@@ -14,9 +14,10 @@
 use glam::{DMat3, DVec3};
 use nalgebra::SVector;
 
+use super::batch::{BATCH, Batch, Batches, Rows, Sums, assemble, dot};
 use super::frame::basis;
-use super::gauss::TABLES;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::normal::{bell, density, distribution};
 
 /// Parameters: height, two tilts, three curvatures, level behind, level ahead.
 pub(super) const PARAMETERS: usize = 8;
@@ -39,6 +40,15 @@ pub struct LevelPrior {
     pub sigma: f64,
 }
 
+/// What a single grey value is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Its standard deviation.
+    pub noise: f64,
+    /// The lowest and the highest value there can be: at these ends it says only that the truth is no nearer.
+    pub clip: [f64; 2],
+}
+
 /// A fitted sheet, in blur units about the window's middle.
 #[derive(Debug, Clone)]
 pub(super) struct Sheet {
@@ -51,68 +61,80 @@ pub(super) struct Sheet {
 }
 
 struct Paraboloid<'a> {
-    samples: &'a [Sample],
+    samples: &'a Batches,
     origin: DVec3,
-    /// From the window to the frame.
-    into: DMat3,
-    weight: f64,
+    /// Axes of the frame.
+    axes: DMat3,
+    reading: Reading,
 }
 
-impl Paraboloid<'_> {
-    /// Share of the material ahead and scale of `d`, `p`.
-    #[inline]
-    fn step(&self, x: &SVector<f64, PARAMETERS>, at: DVec3) -> (f64, f64, f64, f64) {
-        let q = self.into * (at - self.origin);
-        let (u, v) = (q.x, q.y);
-        let slope = [x[1] + x[3] * u + x[4] * v, x[2] + x[4] * u + x[5] * v];
-        let scale = 1.0 / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
-        let height =
-            x[0] + x[1] * u + x[2] * v + 0.5 * (x[3] * (u * u + 1.0) + x[5] * (v * v + 1.0)) + x[4] * u * v;
-        ((q.z - height) * scale, scale, u, v)
+/// The parameters and the frame, as every voxel needs them.
+struct Known {
+    origin: [f32; 3],
+    axes: [[f32; 3]; 3],
+    x: [f32; PARAMETERS],
+}
+
+impl Rows<PARAMETERS> for Known {
+    #[inline(always)]
+    fn add(&self, batch: &Batch, reading: &Reading, sums: &mut Sums<PARAMETERS>) {
+        let zero = [0.0; BATCH];
+        let (mut rows, mut predicted, mut slope) = ([zero; PARAMETERS], zero, zero);
+        let (x, o, [a, b, c]) = (&self.x, &self.origin, &self.axes);
+        let contrast = x[7] - x[6];
+        for i in 0..BATCH {
+            let p = [batch.at[0][i] - o[0], batch.at[1][i] - o[1], batch.at[2][i] - o[2]];
+            let (u, v, w) = (dot(a, &p), dot(b, &p), dot(c, &p));
+            let tilt = [x[1] + x[3] * u + x[4] * v, x[2] + x[4] * u + x[5] * v];
+            let scale = 1.0 / (1.0 + tilt[0] * tilt[0] + tilt[1] * tilt[1]).sqrt();
+            let (uu, vv) = (0.5 * (u * u + 1.0), 0.5 * (v * v + 1.0));
+            let height = x[0] + x[1] * u + x[2] * v + x[3] * uu + x[4] * (u * v) + x[5] * vv;
+            let d = (w - height) * scale;
+            let bell = bell(d);
+            let share = distribution(d, bell);
+            predicted[i] = x[6] + contrast * share;
+            slope[i] = -contrast * density(bell) * scale;
+            rows[1][i] = u;
+            rows[2][i] = v;
+            rows[3][i] = uu;
+            rows[4][i] = u * v;
+            rows[5][i] = vv;
+            rows[7][i] = share;
+        }
+        let [residuals, weights] = batch.residuals(reading, &predicted);
+        for i in 0..BATCH {
+            let f = slope[i] * weights[i];
+            rows[0][i] = f;
+            rows[6][i] = (1.0 - rows[7][i]) * weights[i];
+            rows[7][i] *= weights[i];
+            for row in &mut rows[1..6] {
+                row[i] *= f;
+            }
+        }
+        sums.add(&rows, &residuals);
     }
 }
 
 impl Model<PARAMETERS> for Paraboloid<'_> {
     fn normal_equations(&self, x: &SVector<f64, PARAMETERS>, equations: &mut Normal<PARAMETERS>) -> f64 {
-        let tables = &*TABLES;
-        let contrast = x[7] - x[6];
-        let mut chi2 = 0.0;
-        for s in self.samples {
-            let (d, scale, u, v) = self.step(x, s.at);
-            let share = tables.distribution(d);
-            let r = (x[6] + contrast * share - s.grey) * self.weight;
-            chi2 += r * r;
-            let f = -contrast * tables.density(d) * scale * self.weight;
-            let row = [
-                f,
-                f * u,
-                f * v,
-                0.5 * f * (u * u + 1.0),
-                f * u * v,
-                0.5 * f * (v * v + 1.0),
-                (1.0 - share) * self.weight,
-                share * self.weight,
-            ];
-            for i in 0..PARAMETERS {
-                for j in 0..=i {
-                    equations.matrix[(i, j)] += row[i] * row[j];
-                }
-                equations.right[i] += row[i] * r;
-            }
-        }
-        chi2
+        let known = Known {
+            origin: self.origin.as_vec3().to_array(),
+            axes: self.axes.to_cols_array_2d().map(|axis| axis.map(|c| c as f32)),
+            x: std::array::from_fn(|i| x[i] as f32),
+        };
+        assemble(&known, self.samples, &self.reading, equations)
     }
 }
 
 /// Fits a sheet through about `start` with about the normal `normal` (from behind to ahead).
-/// `noise` is the standard deviation of a grey value. `None` where there is no such fit.
+/// `None` where there is no such fit.
 #[must_use]
 pub(super) fn fit_sheet(
     samples: &[Sample],
     start: DVec3,
     normal: DVec3,
     levels: [LevelPrior; 2],
-    noise: f64,
+    reading: Reading,
 ) -> Option<Sheet> {
     let mut sheet: Option<Sheet> = None;
     let (mut origin, mut normal) = (start, normal);
@@ -131,8 +153,9 @@ pub(super) fn fit_sheet(
     for (k, level) in levels.iter().enumerate() {
         problem.prior[6 + k] = (level.mean, level.sigma);
     }
+    let samples = &Batches::new(samples);
     for pass in 0..2 {
-        let model = Paraboloid { samples, origin, into: axes.transpose(), weight: 1.0 / noise };
+        let model = Paraboloid { samples, origin, axes, reading };
         let start =
             SVector::from([0.0, 0.0, 0.0, curvature[0], curvature[1], curvature[2], means[0], means[1]]);
         let fit = minimise(&model, &problem, start)?;
@@ -211,7 +234,7 @@ mod tests {
     #![allow(clippy::print_stdout)] // figures, with --nocapture
 
     use super::*;
-    use crate::locate::fixtures::{ball, cylinder, distribution, noisy, rms, window};
+    use crate::locate::fixtures::{ball, cylinder, distribution, noisy, reading, rms, window};
 
     const LEVELS: [LevelPrior; 2] =
         [LevelPrior { mean: 20.0, sigma: 1.0 }, LevelPrior { mean: 120.0, sigma: 1.0 }];
@@ -225,7 +248,7 @@ mod tests {
     /// Fits from beside and tilted.
     fn fit(samples: &[Sample], noise: f64) -> Sheet {
         let tilted = (normal() + normal().any_orthonormal_vector() * 0.15).normalize();
-        fit_sheet(samples, AT + normal() * 0.3, tilted, LEVELS, noise).unwrap()
+        fit_sheet(samples, AT + normal() * 0.3, tilted, LEVELS, reading(noise)).unwrap()
     }
 
     /// Grey values of a window in which the share of the lower material is `behind`.
@@ -294,7 +317,7 @@ mod tests {
 
     #[test]
     fn no_sheet_is_made_of_nothing() {
-        let sheet = fit_sheet(&[], DVec3::ZERO, DVec3::Z, LEVELS, 1.0);
+        let sheet = fit_sheet(&[], DVec3::ZERO, DVec3::Z, LEVELS, reading(1.0));
         // The priors alone keep levels and curvatures; place and tilt have none.
         assert!(sheet.is_none());
     }

@@ -1,18 +1,22 @@
-//! A place where sheets meet in a curve: a wedge that was fitted and accepted, and what it says nearby.
+//! A place where sheets meet, in a curve or a corner: a model that was fitted and accepted, and what it says nearby.
 
 use glam::DVec3;
 
+use super::corner_site::CornerSite;
 use super::passage::Passage;
+use super::sites::CurveKind;
 use super::wedge::{EDGE, JUNCTION, WedgeFit};
 use crate::grid::MaterialId;
 
-/// The wedge of a site.
+/// The model of a site.
 #[derive(Debug, Clone)]
 pub enum Model {
     /// A junction curve.
     Junction(Box<WedgeFit<3, JUNCTION>>),
     /// A sharp edge.
     Edge(Box<WedgeFit<2, EDGE>>),
+    /// A corner, or a point where such curves end.
+    Corner(Box<CornerSite>),
 }
 
 /// See the module's header.
@@ -20,72 +24,50 @@ pub enum Model {
 pub struct Site {
     /// The middle of the window, voxels; the model is in blur units about it.
     pub middle: DVec3,
-    /// A point of the curve, voxels.
+    /// A point of the curve, or the corner, voxels.
     pub at: DVec3,
-    /// The material of each sector; of an edge the first two count.
+    /// The material of each sector; of an edge the first two count. A corner knows its own.
     pub materials: [MaterialId; 3],
     /// The fit.
     pub model: Model,
 }
 
-macro_rules! with_fit {
-    ($site:expr, $fit:ident => $body:expr) => {
+macro_rules! with_model {
+    ($site:expr, $fit:ident => $body:expr, $corner:ident => $other:expr) => {
         match &$site.model {
             Model::Junction($fit) => $body,
             Model::Edge($fit) => $body,
+            Model::Corner($corner) => $other,
         }
     };
 }
 
 impl Site {
-    /// Number of sectors.
-    #[must_use]
-    pub fn sectors(&self) -> usize {
-        match self.model {
-            Model::Junction(_) => 3,
-            Model::Edge(_) => 2,
-        }
-    }
-
     /// Distance of a place (blur units from the middle) from the curve, and how far along it the place lies
-    /// from where the fit is centred.
+    /// from where the fit is centred; of a corner, from its nearest curve and nothing.
     #[must_use]
     pub fn around(&self, at: DVec3) -> [f64; 2] {
-        with_fit!(self, fit => {
+        with_model!(self, fit => {
             let (r, z) = fit.wedge.section(at);
             [r.length(), z]
-        })
+        }, corner => [corner.nearest(at, None).map_or(f64::INFINITY, |n| n.distance), 0.0])
     }
 
     /// The material at a place.
     #[must_use]
     pub fn material(&self, at: DVec3) -> MaterialId {
-        self.materials[with_fit!(self, fit => fit.wedge.sector(at))]
+        with_model!(self, fit => self.materials[fit.wedge.sector(at)], corner => corner.material(at))
     }
 
     /// The interface between two of its materials near a place; `None` if they do not meet here. Behind the
     /// curve sheets do not go on.
     #[must_use]
-    pub fn passage(&self, [a, b]: [MaterialId; 2], at: DVec3) -> Option<Passage> {
-        let n = self.sectors();
-        let mut best: Option<(f64, Passage)> = None;
-        for i in 0..n {
-            let (before, after) = (self.materials[(i + n - 1) % n], self.materials[i]);
-            let along = (before, after) == (a, b);
-            if !along && (before, after) != (b, a) {
-                continue;
-            }
-            let (distance, c, normal, sigma) = with_fit!(self, fit => {
-                let (d, c, normal) = fit.wedge.sheet(i, at);
-                (d, c, normal, fit.sheet_sigma(i, at))
-            });
-            let away = distance.hypot(c.min(0.0));
-            if best.as_ref().is_none_or(|(least, _)| away < *least) {
-                let passage = Passage { distance, normal, sigma };
-                best = Some((away, if along { passage } else { passage.reversed() }));
-            }
+    pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+        match &self.model {
+            Model::Junction(fit) => passage(fit, &self.materials, pair, at),
+            Model::Edge(fit) => passage(fit, &self.materials, pair, at),
+            Model::Corner(corner) => corner.passage(pair, at),
         }
-        best.map(|b| b.1)
     }
 
     /// Where the segment from `start` along `step` goes from material `a` to `b`, as a fraction; `None` if it does
@@ -111,18 +93,21 @@ impl Site {
         Some(0.5 * (low + high))
     }
 
-    /// Where the curve passes the plane `coordinate` (voxels) of an axis, in voxels, and its standard
-    /// deviation in blur units; `None` where it runs along the plane or far from here.
+    /// Where a curve of the asked kind passes the plane `coordinate` (voxels) of an axis, in voxels, and its standard
+    /// deviation in blur units; `None` where it runs along the plane or farther than `reach` from where the fit is centred (a
+    /// corner knows its own). Of several, the one nearest to
+    /// `near` (voxels).
     #[must_use]
     pub fn pierces(
         &self,
-        axis: usize,
-        coordinate: f64,
+        kind: CurveKind,
+        [axis, coordinate]: [usize; 2],
         per_voxel: DVec3,
+        near: DVec3,
         reach: f64,
     ) -> Option<(DVec3, f64)> {
-        with_fit!(self, fit => {
-            let target = (coordinate - self.middle[axis]) * per_voxel[axis];
+        let target = (coordinate as f64 - self.middle[axis]) * per_voxel[axis];
+        with_model!(self, fit => {
             let mut z = 0.0;
             for _ in 0..6 {
                 let slope = fit.wedge.direction(z)[axis];
@@ -136,6 +121,34 @@ impl Site {
                 return None;
             }
             Some((self.middle + at / per_voxel, fit.apex_sigma(z)[1]))
+        }, corner => {
+            let near = (near - self.middle) * per_voxel;
+            let (at, sigma) = corner.pierces(kind, axis, target, near)?;
+            Some((self.middle + at / per_voxel, sigma))
         })
     }
+}
+
+/// What a wedge says of the interface between two materials.
+fn passage<const R: usize, const N: usize>(
+    fit: &WedgeFit<R, N>,
+    materials: &[MaterialId],
+    [a, b]: [MaterialId; 2],
+    at: DVec3,
+) -> Option<Passage> {
+    let mut best: Option<(f64, Passage)> = None;
+    for i in 0..R {
+        let (before, after) = (materials[(i + R - 1) % R], materials[i]);
+        let along = (before, after) == (a, b);
+        if !along && (before, after) != (b, a) {
+            continue;
+        }
+        let (distance, c, normal) = fit.wedge.sheet(i, at);
+        let away = distance.hypot(c.min(0.0));
+        if best.as_ref().is_none_or(|(least, _)| away < *least) {
+            let passage = Passage { distance, normal, sigma: fit.sheet_sigma(i, at) };
+            best = Some((away, if along { passage } else { passage.reversed() }));
+        }
+    }
+    best.map(|b| b.1)
 }

@@ -1,9 +1,11 @@
 //! Sites, found by place: which one speaks for a voxel or an edge of the lattice.
 //!
 //! A site speaks for what lies within reach of its curve and not far along it; of several the one to whose curve
-//! a place is nearest, in units of its reach. All is decided by place alone, so any part of the volume gives the
+//! a place is nearest, in units of its reach. A corner speaks for all around it, before any curve, and farther
+//! along its curves where no fit of theirs does. All is decided by place alone, so any part of the volume gives the
 //! same answer.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -22,6 +24,16 @@ const ALONG: f64 = 3.2;
 const TAINTED: [f64; 2] = [3.7, 2.8];
 /// Beyond this distance a patch that knows an interface knows it better.
 const PATCHES: [f64; 2] = [3.9, 2.7];
+
+/// A corner speaks for all that lies within this distance of it, blur units; farther for what is near its curves.
+const CORNER: f64 = 4.3;
+/// Fits of curves that are centred so near to a corner have seen it, and do not count.
+const SPOILT: f64 = 3.5;
+/// Fits of a corner nearer to each other than this are of the same one, blur units.
+const SAME: f64 = 1.5;
+
+/// A point of four materials may lie so far outside of the cell in which labels show all four, voxels.
+const BESIDE: f64 = 0.9;
 
 /// Where labels have been set by a site whose neighbour is missing, it is asked about places so much farther away.
 pub(super) const FARTHER: f64 = 1.5;
@@ -45,8 +57,10 @@ pub struct Answer<'a> {
     pub site: &'a Site,
     /// The place in its blur units.
     pub at: DVec3,
-    /// Distance from its curve, blur units.
+    /// Distance from its nearest curve, blur units.
     pub distance: f64,
+    /// What that curve is.
+    pub kind: CurveKind,
     /// Whether a patch is to be preferred, if there is one.
     pub yields: bool,
 }
@@ -69,24 +83,102 @@ pub enum CurveKind {
     Edge,
 }
 
-fn kind_of(site: &Site) -> CurveKind {
-    match site.model {
-        Model::Junction(_) => CurveKind::Junction,
-        Model::Edge(_) => CurveKind::Edge,
+/// What a site makes of a place.
+#[derive(Debug, Clone, Copy)]
+struct Claimed {
+    /// Of several sites that with the least speaks.
+    score: f64,
+    /// Distance from the nearest curve, and what that is.
+    distance: f64,
+    kind: CurveKind,
+}
+
+impl Site {
+    /// How far around `at` the site may speak, blur units.
+    fn farthest(&self) -> f64 {
+        match &self.model {
+            Model::Junction(_) => REACH[CurveKind::Junction as usize].hypot(ALONG),
+            Model::Edge(_) => REACH[CurveKind::Edge as usize].hypot(ALONG),
+            Model::Corner(corner) => corner.reach(),
+        }
+    }
+
+    /// What the site makes of a place (blur units from its middle), within `factor` times its reach; of curves of a kind, or
+    /// of any.
+    fn claims(&self, at: DVec3, factor: f64, asked: Option<CurveKind>) -> Option<Claimed> {
+        let kind = match &self.model {
+            Model::Junction(_) => CurveKind::Junction,
+            Model::Edge(_) => CurveKind::Edge,
+            Model::Corner(corner) => {
+                let near = corner.nearest(at, asked)?;
+                let radius = corner.radius(at);
+                let reach = REACH[near.kind as usize];
+                let within = radius <= CORNER;
+                if !within && (radius > corner.reach() || near.distance > factor * reach) {
+                    return None;
+                }
+                // Before any curve, or after.
+                let score = radius / CORNER + if within { -10.0 } else { 10.0 };
+                return Some(Claimed { score, distance: near.distance, kind: near.kind });
+            }
+        };
+        let [distance, z] = self.around(at);
+        let reach = REACH[kind as usize];
+        let speaks = distance <= factor * reach
+            && z.abs() <= factor * ALONG
+            && asked.is_none_or(|asked| asked == kind);
+        let score = distance / reach + 0.5 * z.abs() / ALONG;
+        speaks.then_some(Claimed { score, distance, kind })
     }
 }
 
-fn kind(site: &Site) -> usize {
-    kind_of(site) as usize
+/// Of several fits of a corner the surest, and no fits of curves beside corners.
+fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
+    let (corners, mut out): (Vec<Site>, Vec<Site>) =
+        sites.into_iter().partition(|site| matches!(site.model, Model::Corner(_)));
+    let mut corners: Vec<(f64, Site)> = corners
+        .into_iter()
+        .map(|site| {
+            let Model::Corner(corner) = &site.model else { return (f64::INFINITY, site) };
+            (corner.apex_sigma(), site)
+        })
+        .collect();
+    corners.sort_by(|a, b| {
+        let key = |c: &(f64, Site)| [c.0, c.1.at.z, c.1.at.y, c.1.at.x];
+        let order = key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y)).find(|o| o.is_ne());
+        order.unwrap_or(std::cmp::Ordering::Equal)
+    });
+    // Corners by boxes that are wider than what is looked for around.
+    let side = units.voxel(DVec3::splat(SPOILT)).max_element();
+    let key = |at: DVec3| (at / side).floor().as_ivec3().to_array();
+    let mut boxes: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
+    let near = |boxes: &BTreeMap<[i32; 3], Vec<DVec3>>, at: DVec3, reach: f64| {
+        let [x, y, z] = key(at);
+        (0..27).any(|i| {
+            let found = boxes.get(&[x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]);
+            found.is_some_and(|all| all.iter().any(|c| units.of(*c - at).length() < reach))
+        })
+    };
+    let mut kept = Vec::new();
+    for (_, site) in corners {
+        if !near(&boxes, site.at, SAME) {
+            boxes.entry(key(site.at)).or_default().push(site.at);
+            kept.push(site);
+        }
+    }
+    out.retain(|site| !near(&boxes, site.at, SPOILT));
+    out.append(&mut kept);
+    out
 }
 
 impl Sites {
     /// Of these sites.
     #[must_use]
     pub fn new(units: BlurUnits, sites: Vec<Site>) -> Self {
+        let sites = settled(units, sites);
         let mut boxes: Vec<([u16; 3], u32)> = Vec::new();
         for (i, site) in sites.iter().enumerate() {
-            let reach = units.voxel(DVec3::splat(FARTHER * REACH[kind(site)].hypot(ALONG)));
+            let reach = units.voxel(DVec3::splat(FARTHER * site.farthest()));
             let low = ((site.at - reach).max(DVec3::ZERO) / SIDE as f64).as_usizevec3();
             let high = ((site.at + reach).max(DVec3::ZERO) / SIDE as f64).as_usizevec3();
             for z in low.z..=high.z {
@@ -120,14 +212,57 @@ impl Sites {
     #[must_use]
     pub fn within(&self, place: DVec3, factor: f64) -> Option<Answer<'_>> {
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
-        self.best(self.in_box(key), place, factor)
+        self.best(self.in_box(key), place, factor, None)
     }
 
-    /// The site of a kind whose curve passes nearest to a place, if it speaks for it.
+    /// Where a curve of a kind passes the plane `coordinate` of an axis near a place on it (voxels), and its standard deviation
+    /// in blur units. Curves are followed `reach` blur units from the middles of their fits.
     #[must_use]
-    pub fn nearest(&self, place: DVec3, kind: CurveKind) -> Option<Answer<'_>> {
+    pub fn pierces(
+        &self,
+        kind: CurveKind,
+        plane: [usize; 2],
+        place: DVec3,
+        reach: f64,
+    ) -> Option<(DVec3, f64)> {
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
-        self.best(self.in_box(key).filter(|site| kind_of(site) == kind), place, FARTHER)
+        let is_corner = |site: &&Site| matches!(site.model, Model::Corner(_));
+        let corner = self.best(self.in_box(key).filter(is_corner), place, FARTHER, Some(kind));
+        let curve = self.best(self.in_box(key).filter(|site| !is_corner(site)), place, FARTHER, Some(kind));
+        // Within a corner's ball its curves are all there are; beyond, those of other fits come first.
+        let is_inside = |a: &Answer<'_>| self.units.of(a.site.at - place).length() <= CORNER;
+        let [first, second] =
+            if corner.is_some_and(|a| is_inside(&a)) { [corner, curve] } else { [curve, corner] };
+        [first, second]
+            .into_iter()
+            .flatten()
+            .find_map(|answer| answer.site.pierces(kind, plane, self.units.per_voxel, place, reach))
+    }
+
+    /// The corner for the cell whose lowest corner is `low` (voxels), and the standard deviation of its place in blur
+    /// units: that in it, or one beside it of which all four materials meet in the cell by their labels.
+    #[must_use]
+    pub fn corner(&self, low: DVec3) -> Option<(DVec3, f64)> {
+        let place = low + 0.5;
+        let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
+        let mut best: Option<(f64, (DVec3, f64))> = None;
+        for site in self.in_box(key) {
+            let Model::Corner(corner) = &site.model else { continue };
+            let off = (site.at - place).abs().max_element() - 0.5;
+            let is_cell = || {
+                let at = |c: usize| low + DVec3::new((c & 1) as f64, (c >> 1 & 1) as f64, (c >> 2) as f64);
+                let mut seen: Vec<MaterialId> =
+                    (0..8).map(|c| corner.material(self.units.of(at(c) - site.middle))).collect();
+                seen.sort_unstable();
+                seen.dedup();
+                seen.len() > 3 && seen.len() == corner.count()
+            };
+            let is_here = off <= 0.0 || (off <= BESIDE && is_cell());
+            if is_here && best.is_none_or(|(least, _)| off < least) {
+                best = Some((off, (site.at, corner.apex_sigma())));
+            }
+        }
+        best.map(|b| b.1)
     }
 
     fn best<'a>(
@@ -135,19 +270,16 @@ impl Sites {
         sites: impl Iterator<Item = &'a Site>,
         place: DVec3,
         factor: f64,
+        asked: Option<CurveKind>,
     ) -> Option<Answer<'a>> {
         let mut best: Option<(f64, Answer<'a>)> = None;
         for site in sites {
-            let k = kind(site);
             let at = self.units.of(place - site.middle);
-            let [distance, z] = site.around(at);
-            if distance > factor * REACH[k] || z.abs() > factor * ALONG {
-                continue;
-            }
-            let score = distance / REACH[k] + 0.5 * z.abs() / ALONG;
-            if best.as_ref().is_none_or(|(s, _)| score < *s) {
-                let yields = distance > PATCHES[k];
-                best = Some((score, Answer { site, at, distance, yields }));
+            let Some(claimed) = site.claims(at, factor, asked) else { continue };
+            if best.as_ref().is_none_or(|(s, _)| claimed.score < *s) {
+                let Claimed { score, distance, kind } = claimed;
+                let yields = distance > PATCHES[kind as usize];
+                best = Some((score, Answer { site, at, distance, kind, yields }));
             }
         }
         best.map(|b| b.1)
@@ -167,11 +299,11 @@ impl Sites {
                     .flat_map(move |[z, y]| range(2, size[0]).map(move |x| [x, y, z]));
                 voxels.filter_map(move |voxel| {
                     let sites = group.iter().map(|b| &self.sites[b.1 as usize]);
-                    let answer = self.best(sites, DVec3::from(voxel.map(|c| c as f64)), 1.0)?;
+                    let answer = self.best(sites, DVec3::from(voxel.map(|c| c as f64)), 1.0, None)?;
                     Some(Claim {
                         voxel: voxel.map(|c| c as u16),
                         material: answer.site.material(answer.at),
-                        tainted: answer.distance <= TAINTED[kind(answer.site)],
+                        tainted: answer.distance <= TAINTED[answer.kind as usize],
                     })
                 })
             })
@@ -275,8 +407,8 @@ mod tests {
         let farther = |y: f64| sites.within(DVec3::new(10.0, y, 10.0), FARTHER).is_some();
         assert!(farther(15.7) && !farther(15.8));
         let place = DVec3::new(10.0, 10.5, 10.0);
-        assert!(sites.nearest(place, CurveKind::Edge).is_some());
-        assert!(sites.nearest(place, CurveKind::Junction).is_none());
+        assert!(sites.pierces(CurveKind::Edge, [2, 10], place, 3.0).is_some());
+        assert!(sites.pierces(CurveKind::Junction, [2, 10], place, 3.0).is_none());
         assert!(!sites.at(place).unwrap().yields);
         assert!(sites.at(DVec3::new(10.0, 13.4, 10.0)).unwrap().yields);
     }

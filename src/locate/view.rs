@@ -3,10 +3,10 @@
 use glam::DVec3;
 
 use super::frame::BlurUnits;
-use super::sheet::{LevelPrior, Sample};
+use super::sheet::{LevelPrior, Reading, Sample};
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::grid::MaterialId;
-use crate::material::Levels;
+use crate::material::{Levels, Misfit};
 use crate::volume::{self, Slab};
 
 /// What is known of a scan before its interfaces are located.
@@ -14,15 +14,39 @@ use crate::volume::{self, Slab};
 pub struct Scan {
     /// The blur, averaging over a voxel included.
     pub units: BlurUnits,
+    /// Whether the blur was measured; if not it is a guess.
+    pub is_blur_known: bool,
     /// Grey level of each material, anywhere in the volume.
     pub levels: Levels,
+    /// Mean grey level of each material, and the smallest difference between two.
+    pub means: Vec<f64>,
+    /// See `means`.
+    pub contrast: f64,
+    /// Whether each material is nowhere thick, so that its labels are no better than its mean grey value.
+    pub is_thin: Vec<bool>,
+    /// Grey values midway between the means of neighbouring materials, ascending.
+    pub thresholds: Vec<f32>,
     /// Standard deviation of a grey value in each material; positive.
     pub noise: Vec<f64>,
+    /// What single grey values at the interfaces of a pair are off by beside noise, as a share of the contrast.
+    pub misfits: Vec<Misfit>,
+    /// The lowest and the highest grey value that there can be; infinite if there is no end.
+    pub clip: [f64; 2],
     /// By how much standard deviations of fits are larger than for white noise.
     pub inflation: f64,
 }
 
 impl Scan {
+    /// See `misfits`; of a pair that was not measured the median of those that were.
+    fn misfit(&self, pair: [usize; 2]) -> f64 {
+        if let Some(own) = self.misfits.iter().find(|m| m.pair == pair) {
+            return own.share;
+        }
+        let mut shares: Vec<f64> = self.misfits.iter().map(|m| m.share).collect();
+        shares.sort_by(f64::total_cmp);
+        shares.get(shares.len() / 2).copied().unwrap_or(0.0)
+    }
+
     /// The scan, seen through some slices.
     #[must_use]
     pub fn view<'a, S>(
@@ -34,6 +58,10 @@ impl Scan {
         View { scan: self, slab, labels, uncertain, units: self.units }
     }
 }
+
+/// A level this near to an end of the scale (as a share of the smallest contrast) is clipped, and may be off by so much.
+const CLIPPED: f64 = 0.01;
+const UNSEEN: f64 = 0.5;
 
 /// Grey values and labels of some slices, and what is known of the scan.
 pub struct View<'a, S> {
@@ -150,13 +178,33 @@ impl<S: volume::Sample> View<'_, S> {
     #[must_use]
     pub fn level(&self, material: MaterialId, voxel: DVec3) -> LevelPrior {
         let sigma = f64::from(self.scan.levels.sigma(material, voxel.as_vec3().to_array()));
-        LevelPrior { mean: self.mean(material, voxel), sigma }
+        let mean = self.mean(material, voxel);
+        // A level beyond the end of the scale can be anywhere beyond.
+        let clipped = self.scan.clip.iter().any(|end| (mean - end).abs() < CLIPPED * self.scan.contrast);
+        let sigma = if clipped { sigma.hypot(UNSEEN * self.scan.contrast) } else { sigma };
+        LevelPrior { mean, sigma }
     }
 
-    /// Standard deviation of a grey value where these materials meet.
+    /// What a grey value is worth where these materials meet, for a model that is itself off by the share `model` of their
+    /// contrast.
     #[must_use]
-    pub fn noise(&self, materials: &[MaterialId]) -> f64 {
-        let sum: f64 = materials.iter().map(|m| self.scan.noise[usize::from(m.0)].powi(2)).sum();
-        (sum / materials.len().max(1) as f64).sqrt()
+    pub fn reading(&self, materials: &[MaterialId], model: f64) -> Reading {
+        let scan = self.scan;
+        let ids = || materials.iter().map(|m| usize::from(m.0));
+        let count = materials.len().max(1) as f64;
+        let noise = ids().map(|m| scan.noise[m].powi(2)).sum::<f64>() / count;
+        let ends = ids().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], m| {
+            [a.min(scan.means[m]), b.max(scan.means[m])]
+        });
+        // Of several pairs the mean: each is seen by a part of the voxels.
+        let (mut sum, mut pairs) = (0.0, 0);
+        for a in ids() {
+            for b in ids().filter(|b| a < *b) {
+                sum += (scan.misfit([a, b]) * (scan.means[b] - scan.means[a])).powi(2);
+                pairs += 1;
+            }
+        }
+        let off = (sum / f64::from(pairs.max(1))).sqrt().hypot((ends[1] - ends[0]) * model);
+        Reading { noise: noise.sqrt().hypot(off), clip: scan.clip }
     }
 }

@@ -8,6 +8,9 @@
 //! `v = mu_ref + sum_i (mu_{i-1} - mu_i) C_i`, where `ref` is the sector in direction -r. Its derivatives are closed:
 //! what passes a ray when it moves is the line integral of the Gaussian along it.
 //!
+//! Along the curve rays turn (`tau_i` per unit): beside a curved sheet the angle between two sheets changes, and what is
+//! alike all along a curve in space is not in blur units of unlike axes.
+//!
 //! The apex runs along `a0 + a1 z + a2 z^2 / 2`, sheet i curves by `k_i`; blurred, both are raised by half their
 //! curvature (as the trace in `sheet.rs`). A factor on sigma is fitted, too, and the grey levels.
 
@@ -16,29 +19,31 @@ use std::f64::consts::{PI, TAU};
 use glam::{DMat3, DVec2, DVec3};
 use nalgebra::SVector;
 
+use super::batch::{Batches, assemble};
 use super::frame::basis;
-use super::gauss::{TABLES, Tables};
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
-use super::sheet::{LevelPrior, Sample};
+use super::sheet::{LevelPrior, Reading, Sample};
+use super::wedge_rows::{Curve, Known};
 
 /// Places of the parameters of a wedge with `R` rays.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Places<const R: usize>;
 
 impl<const R: usize> Places<R> {
-    const A0: usize = 0;
-    const A1: usize = 2;
-    const THETA: usize = 4;
-    const K: usize = 4 + R;
-    const A2: usize = 4 + 2 * R;
-    const MU: usize = 6 + 2 * R;
-    const SIGMA: usize = 6 + 3 * R;
+    pub(super) const A0: usize = 0;
+    pub(super) const A1: usize = 2;
+    pub(super) const THETA: usize = 4;
+    pub(super) const K: usize = 4 + R;
+    pub(super) const A2: usize = 4 + 2 * R;
+    pub(super) const MU: usize = 6 + 2 * R;
+    pub(super) const SIGMA: usize = 6 + 3 * R;
+    pub(super) const TWIST: usize = 7 + 3 * R;
 }
 
 /// Parameters of a wedge with three rays, and with two.
-pub(super) const JUNCTION: usize = 16;
+pub(super) const JUNCTION: usize = 19;
 /// See [`JUNCTION`].
-pub(super) const EDGE: usize = 13;
+pub(super) const EDGE: usize = 15;
 
 /// A wedge in blur units about its window's middle.
 #[derive(Debug, Clone)]
@@ -62,25 +67,6 @@ pub struct WedgeFit<const R: usize, const N: usize> {
     pub samples: usize,
 }
 
-/// What a voxel sees of one ray.
-#[derive(Clone, Copy)]
-struct Ray {
-    /// Place of the voxel along the ray and to its left.
-    c: f64,
-    d: f64,
-    /// The density across and the share along, at c and d.
-    across: f64,
-    along: f64,
-    /// Share between the direction away from the voxel and the ray.
-    share: f64,
-    /// Angle from that direction, 0 to 2 pi.
-    angle: f64,
-    /// Left of the ray.
-    normal: DVec2,
-    /// By how much a unit of curvature moves what passes the ray; derivative after it.
-    bend: f64,
-}
-
 /// A place on one of the sheets, known from a fit of that interface alone away from the curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flank {
@@ -93,73 +79,11 @@ pub struct Flank {
 }
 
 struct Blurred<'a, const R: usize, const N: usize> {
-    samples: &'a [Sample],
+    samples: Batches,
     flanks: &'a [Flank],
     origin: DVec3,
-    into: DMat3,
-    weight: f64,
-}
-
-/// The section that a point q (in the frame) lies in: z where the curve `a0 + a1 z + a2 z^2 / 2` is nearest, and q seen
-/// from the curve there, in the plane normal to it. A line's is exact, a parabola's by two steps of Newton's method.
-#[inline]
-fn section_of(q: DVec3, a0: DVec2, a1: DVec2, a2: DVec2, raise: f64) -> (f64, DVec2) {
-    let place = DVec2::new(q.x, q.y);
-    let straight = a2 == DVec2::ZERO;
-    let mut z = q.z;
-    if straight {
-        z = (z + (place - a0).dot(a1)) / (1.0 + a1.length_squared());
-    } else {
-        for _ in 0..2 {
-            let along = a1 + a2 * z;
-            let off = place - (a0 + a1 * z + a2 * (0.5 * z * z));
-            let f = q.z - z + off.dot(along);
-            z += f / (1.0 + along.length_squared() - off.dot(a2)).max(0.3);
-        }
-    }
-    let along = a1 + a2 * z;
-    let mut off = place - (a0 + a1 * z + a2 * (0.5 * z * z));
-    if !straight {
-        // Blurred along the curve, a point is raised by half the curvature of its own circle about the curve's
-        // centre.
-        off -= a2 * (0.5 * raise / (1.0 - off.dot(a2)).max(0.3));
-    }
-    // Lengths along the tilt are seen shortened in a plane of constant z.
-    let tilt = along.length_squared();
-    let stretch = if tilt > 1e-6 { ((1.0 + tilt).sqrt() - 1.0) / tilt } else { 0.5 };
-    (z, off + along * (off.dot(along) * stretch))
-}
-
-/// Parameters, as every voxel needs them.
-struct Known<const R: usize> {
-    a0: DVec2,
-    a1: DVec2,
-    a2: DVec2,
-    /// One over the factor on sigma, and its square's inverse.
-    shrink: f64,
-    sigma2: f64,
-    theta: [f64; R],
-    u: [DVec2; R],
-    k: [f64; R],
-    mu: [f64; R],
-}
-
-impl<const R: usize> Known<R> {
-    fn new<const N: usize>(x: &SVector<f64, N>) -> Self {
-        let vec = |i: usize| DVec2::new(x[i], x[i + 1]);
-        let shrink = (-x[Places::<R>::SIGMA]).exp();
-        Self {
-            a0: vec(Places::<R>::A0),
-            a1: vec(Places::<R>::A1),
-            a2: vec(Places::<R>::A2),
-            shrink,
-            sigma2: 1.0 / (shrink * shrink),
-            theta: std::array::from_fn(|i| x[Places::<R>::THETA + i]),
-            u: std::array::from_fn(|i| DVec2::from_angle(x[Places::<R>::THETA + i])),
-            k: std::array::from_fn(|i| x[Places::<R>::K + i] / shrink),
-            mu: std::array::from_fn(|i| x[Places::<R>::MU + i]),
-        }
-    }
+    axes: DMat3,
+    reading: Reading,
 }
 
 /// Distance from the circle that a sheet of curvature k follows, of a place c along its ray and d to the left.
@@ -178,6 +102,7 @@ fn sheet_slopes<const R: usize, const N: usize>(i: usize, u: DVec2, c: f64, z: f
         row[p + 1] = n.y * factor;
     }
     row[Places::<R>::THETA + i] = c * scale;
+    row[Places::<R>::TWIST + i] = c * z * scale;
     row[Places::<R>::K + i] = 0.5 * c * c * scale;
     row
 }
@@ -185,96 +110,22 @@ fn sheet_slopes<const R: usize, const N: usize>(i: usize, u: DVec2, c: f64, z: f
 impl<const R: usize, const N: usize> Blurred<'_, R, N> {
     /// How far a flank lies from its sheet, in its standard deviations, and the derivatives.
     fn lean(&self, x: &SVector<f64, N>, flank: &Flank) -> (f64, [f64; N]) {
-        let q = self.into * (flank.at - self.origin);
-        let vec = |i: usize| DVec2::new(x[i], x[i + 1]);
-        let (z, r) = section_of(q, vec(Places::<R>::A0), vec(Places::<R>::A1), vec(Places::<R>::A2), 0.0);
-        let u = DVec2::from_angle(x[Places::<R>::THETA + flank.ray]);
+        let q = self.axes.transpose() * (flank.at - self.origin);
+        let [z, rx, ry] = Curve::new::<R, N>(x).section_of(q);
+        let r = DVec2::new(rx, ry);
+        let u = DVec2::from_angle(x[Places::<R>::THETA + flank.ray] + z * x[Places::<R>::TWIST + flank.ray]);
         let (c, d, k) = (u.dot(r).max(0.0), u.perp_dot(r), x[Places::<R>::K + flank.ray]);
         let weight = 1.0 / flank.sigma;
         // Where the sheet moves ahead, the flank falls back.
         let row = sheet_slopes::<R, N>(flank.ray, u, c, z, -weight);
         (off_sheet(k, c, d) * weight, row)
     }
-
-    /// z, the rays, the first of them from the direction away from the place, and the prediction.
-    #[inline]
-    fn see(&self, known: &Known<R>, tables: &Tables, at: DVec3) -> (f64, [Ray; R], usize, f64) {
-        let q = self.into * (at - self.origin);
-        let (z, off) = section_of(q, known.a0, known.a1, known.a2, known.sigma2);
-        let r = off * known.shrink;
-        let r = if r.length_squared() < 1e-12 { DVec2::new(1e-6, 0.0) } else { r };
-        let rho = r.length();
-        let away = r.to_angle() + PI;
-        let rays: [Ray; R] = std::array::from_fn(|i| {
-            let u = known.u[i];
-            let (c, d) = (u.dot(r), u.perp_dot(r));
-            let angle = turn(known.theta[i] - away);
-            let plane =
-                if angle <= PI { tables.wedge(rho, angle) } else { 1.0 - tables.wedge(rho, TAU - angle) };
-            let (across, along) = (tables.density(d), tables.distribution(c));
-            // The sheet moves by k c^2 / 2; the mean over the Gaussian along it, seen through the part of it
-            // that is there.
-            let bend = 0.5 * ((1.0 + c * c) * along + c * tables.density(c));
-            let k = known.k[i];
-            let (bend, share) = if k == 0.0 || along < 1e-6 {
-                (bend, plane)
-            } else {
-                // Beside the sheet, not on it, the circle that it follows is nearer or farther.
-                let bend = bend / (1.0 - k * d).clamp(0.5, 2.0);
-                let moved = tables.distribution(k * bend / along - d) - tables.distribution(-d);
-                (bend, plane + along * moved)
-            };
-            Ray { c, d, across, along, share, angle, normal: u.perp(), bend }
-        });
-        let first = (0..R).fold(0, |m, i| if rays[i].angle < rays[m].angle { i } else { m });
-        let mu = &known.mu;
-        let steps = (0..R).map(|i| (mu[(i + R - 1) % R] - mu[i]) * rays[i].share);
-        let value = mu[(first + R - 1) % R] + steps.sum::<f64>();
-        (z, rays, first, value)
-    }
-}
-
-/// An angle of less than two turns either way, from 0 to 2 pi.
-#[inline]
-fn turn(angle: f64) -> f64 {
-    let turned = angle - TAU * (angle * (1.0 / TAU)).floor();
-    turned.clamp(0.0, TAU)
 }
 
 impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
     fn normal_equations(&self, x: &SVector<f64, N>, equations: &mut Normal<N>) -> f64 {
-        let tables = &*TABLES;
-        let mut chi2 = 0.0;
-        let known = Known::<R>::new(x);
-        let shrink = known.shrink;
-        for s in self.samples {
-            let (z, rays, first, value) = self.see(&known, tables, s.at);
-            let r = (value - s.grey) * self.weight;
-            chi2 += r * r;
-            let mut row = [0.0; N];
-            row[Places::<R>::MU + (first + R - 1) % R] += self.weight;
-            for (i, ray) in rays.iter().enumerate() {
-                let jump = (x[Places::<R>::MU + (i + R - 1) % R] - x[Places::<R>::MU + i]) * self.weight;
-                // The line integral along the ray, which a curved sheet moves sideways.
-                let moved = x[Places::<R>::K + i] / shrink * ray.bend / ray.along.max(1e-6);
-                let across = if moved == 0.0 { ray.across } else { tables.density(ray.d - moved) };
-                let flux = jump * across * ray.along;
-                let n = ray.normal * (flux * shrink);
-                let raised = 0.5 * (z * z + known.sigma2);
-                row[Places::<R>::A0] += n.x;
-                row[Places::<R>::A0 + 1] += n.y;
-                row[Places::<R>::A1] += n.x * z;
-                row[Places::<R>::A1 + 1] += n.y * z;
-                row[Places::<R>::A2] += n.x * raised;
-                row[Places::<R>::A2 + 1] += n.y * raised;
-                row[Places::<R>::THETA + i] = jump * across * (tables.density(ray.c) + ray.c * ray.along);
-                row[Places::<R>::K + i] = jump * across * ray.bend / shrink;
-                row[Places::<R>::SIGMA] += flux * (ray.d - moved);
-                row[Places::<R>::MU + (i + R - 1) % R] += self.weight * ray.share;
-                row[Places::<R>::MU + i] -= self.weight * ray.share;
-            }
-            add_row(equations, &row, r);
-        }
+        let known = Known::<R>::new(self.origin, &self.axes, x);
+        let mut chi2 = assemble(&known, &self.samples, &self.reading, equations);
         for flank in self.flanks {
             let (r, row) = self.lean(x, flank);
             chi2 += r * r;
@@ -321,8 +172,8 @@ pub enum Stage {
 pub struct Prior<const R: usize> {
     /// Grey level of each sector.
     pub levels: [LevelPrior; R],
-    /// Standard deviation of a grey value.
-    pub noise: f64,
+    /// What a grey value is worth.
+    pub reading: Reading,
     /// Standard deviation of the logarithm of the blur's sigma against the estimate for the volume.
     pub log_sigma: f64,
     /// Standard deviation of curvatures, per blur unit.
@@ -355,11 +206,11 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         stage: Stage,
     ) -> Option<WedgeFit<R, N>> {
         let model = Blurred::<R, N> {
-            samples,
+            samples: Batches::new(samples),
             flanks,
             origin: self.origin,
-            into: self.axes.transpose(),
-            weight: 1.0 / prior.noise,
+            axes: self.axes,
+            reading: prior.reading,
         };
         let mut problem = Problem {
             active: [false; N],
@@ -379,6 +230,9 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
             problem.most[Places::<R>::THETA + i] = 0.4;
             problem.prior[Places::<R>::K + i] = prior.bends[i].unwrap_or((0.0, prior.curvature));
             problem.active[Places::<R>::K + i] = stage == Stage::Curved;
+            problem.most[Places::<R>::TWIST + i] = 0.1;
+            problem.prior[Places::<R>::TWIST + i] = (0.0, prior.curvature);
+            problem.active[Places::<R>::TWIST + i] = stage == Stage::Curved;
             problem.active[Places::<R>::MU + i] = true;
             problem.most[Places::<R>::MU + i] = f64::INFINITY;
             problem.prior[Places::<R>::MU + i] = (prior.levels[i].mean, prior.levels[i].sigma);
@@ -415,11 +269,16 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         (self.axes * DVec3::new(a.x, a.y, 1.0)).normalize()
     }
 
-    /// Directions of the rays in space at z = 0.
+    /// Direction of ray `i` in the section at z.
+    fn ray(&self, i: usize, z: f64) -> DVec2 {
+        DVec2::from_angle(self.x[Places::<R>::THETA + i] + z * self.x[Places::<R>::TWIST + i])
+    }
+
+    /// Directions of the rays in space at z.
     #[must_use]
-    pub fn rays(&self) -> [DVec3; R] {
+    pub fn rays(&self, z: f64) -> [DVec3; R] {
         std::array::from_fn(|i| {
-            let u = DVec2::from_angle(self.x[Places::<R>::THETA + i]);
+            let u = self.ray(i, z);
             self.axes * DVec3::new(u.x, u.y, 0.0)
         })
     }
@@ -461,9 +320,10 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     #[must_use]
     pub fn recentred(&self, z: f64) -> Self {
         let (origin, direction) = (self.point(z), self.direction(z));
-        let mut out = Self::new(origin, direction, self.rays(), self.levels());
+        let mut out = Self::new(origin, direction, self.rays(z), self.levels());
         for i in 0..R {
             out.x[Places::<R>::K + i] = self.x[Places::<R>::K + i];
+            out.x[Places::<R>::TWIST + i] = self.x[Places::<R>::TWIST + i];
         }
         let bend = self.vec(Places::<R>::A2);
         let bend = out.axes.transpose() * (self.axes * DVec3::new(bend.x, bend.y, 0.0));
@@ -477,20 +337,20 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     #[must_use]
     pub fn section(&self, at: DVec3) -> (DVec2, f64) {
         let q = self.axes.transpose() * (at - self.origin);
-        let vec = |i: usize| self.vec(i);
-        let (z, r) = section_of(q, vec(Places::<R>::A0), vec(Places::<R>::A1), vec(Places::<R>::A2), 0.0);
-        (r, z)
+        let [z, x, y] = Curve::new::<R, N>(&self.x).section_of(q);
+        (DVec2::new(x, y), z)
     }
 
     /// The sector in which a point lies.
     #[must_use]
     pub fn sector(&self, at: DVec3) -> usize {
-        let (r, _) = self.section(at);
+        let (r, z) = self.section(at);
         let (rho, angle) = (r.length(), r.to_angle());
         // Distance counter-clockwise from each ray, turned by its curvature over this distance.
         let past = |i: usize| {
             let turned = (0.5 * self.x[Places::<R>::K + i] * rho).clamp(-0.7, 0.7);
-            (angle - self.x[Places::<R>::THETA + i] - turned).rem_euclid(TAU)
+            let theta = self.x[Places::<R>::THETA + i] + z * self.x[Places::<R>::TWIST + i];
+            (angle - theta - turned).rem_euclid(TAU)
         };
         (0..R).fold((0, f64::INFINITY), |m, i| if past(i) < m.1 { (i, past(i)) } else { m }).0
     }
@@ -500,7 +360,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     #[must_use]
     pub fn sheet(&self, i: usize, at: DVec3) -> (f64, f64, DVec3) {
         let (r, z) = self.section(at);
-        let u = DVec2::from_angle(self.x[Places::<R>::THETA + i]);
+        let u = self.ray(i, z);
         let k = self.x[Places::<R>::K + i];
         let (c, d) = (u.dot(r), u.perp_dot(r));
         let ahead = c.max(0.0);
@@ -528,7 +388,7 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
     #[must_use]
     pub fn sheet_sigma(&self, i: usize, at: DVec3) -> f64 {
         let (r, z) = self.wedge.section(at);
-        let u = DVec2::from_angle(self.wedge.x[Places::<R>::THETA + i]);
+        let u = self.wedge.ray(i, z);
         let c = u.dot(r).max(0.0);
         let g = SVector::from(sheet_slopes::<R, N>(i, u, c, z, 1.0));
         (g.transpose() * self.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
@@ -559,9 +419,10 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
 
     /// Whether the wedge explains its grey values: as well as noise allows, or but for a small share of the contrast.
     #[must_use]
-    pub fn explains(&self, noise: f64, contrast: f64) -> bool {
+    pub fn explains(&self, reading: &Reading, contrast: f64) -> bool {
         let n = self.samples as f64;
-        self.reduced() < 1.0 + 7.0 * (2.0 / n).sqrt() || self.reduced().sqrt() * noise < RESIDUAL * contrast
+        self.reduced() < 1.0 + 7.0 * (2.0 / n).sqrt()
+            || self.reduced().sqrt() * reading.noise < RESIDUAL * contrast
     }
 
     /// This planar fit, or a curved one from it if that explains the same data enough better.

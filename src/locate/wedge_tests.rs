@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 
 use super::*;
-use crate::locate::fixtures::{noisy, rms, sectors, window};
+use crate::locate::fixtures::{noisy, reading, rms, sectors, window};
 
 fn wedge() -> Wedge<3, JUNCTION> {
     Wedge::new(
@@ -17,22 +17,24 @@ fn wedge() -> Wedge<3, JUNCTION> {
 /// The largest difference of the stated derivative by parameter `i` from the numeric one over a window, and the largest
 /// derivative.
 fn derivative_error(wedge: &Wedge<3, JUNCTION>, i: usize) -> [f64; 2] {
-    let h = 1e-3;
+    // Predictions are good to 1e-7 of the grey values.
+    let h = 0.01;
     let mut worst = [0.0f64; 2];
     for sample in window(4.3, |_| 0.0) {
-        let one = [sample];
         let model = Blurred::<3, JUNCTION> {
-            samples: &one,
+            samples: Batches::new(&[sample]),
             flanks: &[],
             origin: wedge.origin,
-            into: wedge.axes.transpose(),
-            weight: 1.0,
+            axes: wedge.axes,
+            reading: reading(1.0),
         };
-        let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros() };
+        let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; JUNCTION] };
         let misfit = model.normal_equations(&wedge.x, &mut e);
         // The grey value is zero: J^T r is the derivative times the prediction.
         let stated = e.right[i] / misfit.sqrt();
-        let at = |x| model.see(&Known::new(x), &TABLES, sample.at).3;
+        let at = |x: &SVector<f64, JUNCTION>| {
+            Known::<3>::new(wedge.origin, &wedge.axes, x).predict(&Batches::new(&[sample]))
+        };
         let (mut up, mut down) = (wedge.x, wedge.x);
         up[i] += h;
         down[i] -= h;
@@ -56,7 +58,10 @@ fn derivatives_are_those_of_the_prediction() {
             bent.x[i] = 0.01 * (i as f64 - 9.5);
         }
     }
-    bent.x[JUNCTION - 1] = 0.05;
+    bent.x[Places::<3>::SIGMA] = 0.05;
+    for (i, twist) in [0.01, -0.01, 0.02].into_iter().enumerate() {
+        bent.x[Places::<3>::TWIST + i] = twist;
+    }
     for i in 0..JUNCTION {
         let [off, largest] = derivative_error(&straight, i);
         assert!(largest > 0.5, "{i}: {largest}");
@@ -113,7 +118,7 @@ fn fits<const R: usize, const N: usize>(theta: [f64; R], greys: [f64; R], noise:
     let exact = truth.samples(&greys);
     let prior = Prior {
         levels: greys.map(|mean| LevelPrior { mean, sigma: 3.0 }),
-        noise,
+        reading: reading(noise),
         log_sigma: 0.1,
         curvature: 0.12,
         bends: [None; R],

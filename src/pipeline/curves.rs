@@ -3,11 +3,14 @@
 use super::PipelineError;
 use crate::classify::{BitPlanes, LabelStore, LabelVolume};
 use crate::execution::{Execution, Stage};
-use crate::grid::Geometry;
+use crate::grid::{Geometry, MaterialId};
 use crate::locate::{
-    BlurUnits, MOST_HALO, Scan, Sheets, Sites, find_curves, find_junctions, find_sheets, halo,
+    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, find_curves, find_junctions, find_sheets, find_thin,
+    halo, thin_reach,
 };
-use crate::material::{Blur, Levels, MaterialTable, Noise};
+use crate::material::{
+    Blur, DEFAULT_RADIUS, Levels, Material, MaterialTable, Misfit, Noise, RADIUS_PER_SIGMA,
+};
 use crate::volume::{Sample, SampleWindow, Slab};
 
 /// Its name as a stage, and its part of the time beside that of contouring.
@@ -18,6 +21,8 @@ const LEAST_BLUR: f64 = 0.5;
 /// The noise of a material is taken to be at least this share of the noisiest one's: where grey values are
 /// clipped there is none to be seen, but at its borders there is.
 const LEAST_NOISE: f64 = 0.5;
+/// Grey values that spread by less than this share of the smallest contrast are all alike.
+const ALIKE: f64 = 1e-6;
 /// The noise is taken to be at least this share of the smallest contrast.
 const LEAST_NOISE_OF_CONTRAST: f64 = 1e-3;
 
@@ -28,34 +33,86 @@ pub(super) fn scan(
     blur: &Blur,
     levels: &Levels,
     noise: &[Option<Noise>],
+    misfits: &[Misfit],
+    range: [f64; 2],
 ) -> Option<Scan> {
     let spacing = geometry.spacing();
-    let axes = blur.sigma_axes_mm.or(blur.sigma_mm.map(|s| [s; 3]))?;
-    let sigma: [f64; 3] = std::array::from_fn(|a| axes[a] / spacing[a]);
+    let axes = blur.sigma_axes_mm.or(blur.sigma_mm.map(|s| [s; 3]));
+    let guess = [DEFAULT_RADIUS / RADIUS_PER_SIGMA * geometry.voxel_edge(); 3];
+    let sigma: [f64; 3] = std::array::from_fn(|a| axes.unwrap_or(guess)[a] / spacing[a]);
     let units = BlurUnits::new(sigma);
     if sigma.iter().any(|s| *s < LEAST_BLUR) || halo(units) > MOST_HALO {
         return None;
     }
     let all = materials.materials();
     let contrast = all.windows(2).map(|m| m[1].mean - m[0].mean).fold(f64::INFINITY, f64::min);
-    let known = |i: usize| noise.get(i).and_then(Option::as_ref).map(|n| n.sigma).or(all[i].sigma);
+    let measured = |i: usize| noise.get(i).and_then(Option::as_ref).map(|n| n.sigma);
+    // The spread of a material that is nowhere thick is mostly blur; it is as noisy as another.
+    let other = (0..all.len()).filter_map(measured).reduce(f64::max);
+    let known = |i: usize| measured(i).or(other).or(all[i].sigma);
     let largest = (0..all.len()).filter_map(known).fold(LEAST_NOISE_OF_CONTRAST * contrast, f64::max);
     let sigmas = (0..all.len()).map(|i| known(i).unwrap_or(0.0).max(LEAST_NOISE * largest)).collect();
     let inflation = noise.iter().flatten().map(|n| n.effective).fold(1.0, f64::max).sqrt();
-    Some(Scan { units, levels: levels.clone(), noise: sigmas, inflation })
+    let means: Vec<f64> = all.iter().map(|m| m.mean).collect();
+    // Where all voxels of the lightest or densest material are alike, grey values end there.
+    let alike = |m: &Material| m.sigma.is_some_and(|s| s < ALIKE * contrast).then_some(m.mean);
+    let ends = [all.first().and_then(alike), all.last().and_then(alike)];
+    let clip = [ends[0].unwrap_or(range[0]), ends[1].unwrap_or(range[1])];
+    let thresholds = all.windows(2).map(|m| materials.threshold(m[0].id, m[1].id) as f32).collect();
+    Some(Scan {
+        units,
+        is_blur_known: axes.is_some(),
+        levels: levels.clone(),
+        is_thin: vec![false; all.len()],
+        thresholds,
+        means,
+        contrast,
+        noise: sigmas,
+        misfits: misfits.to_vec(),
+        clip,
+        inflation,
+    })
 }
 
 /// Passes over the volume, contouring's not counted.
-const PASSES: u64 = 3;
+const PASSES: u64 = 4;
 
-/// The curves at which interfaces meet or bend, in the whole volume, in slabs of `slices` slices.
+/// What thin parts tell of a scan: the levels of materials that are nowhere thick, and the blur if there is no plain
+/// interface to measure it at. `None` if the blur is not known.
+fn refined<S: Sample>(
+    window: &mut SampleWindow<'_, S>,
+    store: &mut LabelStore,
+    scan: &Scan,
+    slices: usize,
+) -> Result<Option<Scan>, PipelineError> {
+    let mut scan = scan.clone();
+    let all = (0..scan.noise.len()).map(|m| MaterialId(m as u8));
+    let thin: Vec<MaterialId> = all.filter(|m| scan.levels.drift(*m).is_none()).collect();
+    for material in thin {
+        let mut places = Places::new(material);
+        window.sweep(slices, halo(scan.units), |slab, core| {
+            let (labels, uncertain) = part(store, slab)?;
+            places.add(&scan.view(slab, &labels, &uncertain), core);
+            Ok::<_, PipelineError>(())
+        })?;
+        if let Some(found) = places.suit(&scan, scan.is_blur_known) {
+            scan = Scan { is_blur_known: true, ..found };
+        }
+    }
+    let usable = scan.is_blur_known && halo(scan.units) <= MOST_HALO;
+    Ok(usable.then_some(scan))
+}
+
+/// The scan as it is known in the end, and the curves at which interfaces meet or bend, in the whole volume, in slabs of
+/// `slices` slices. `None` if no model can be fitted.
 pub(super) fn locate<S: Sample>(
     window: &mut SampleWindow<'_, S>,
     store: &mut LabelStore,
     scan: &Scan,
     slices: usize,
     execution: &Execution,
-) -> Result<Sites, PipelineError> {
+) -> Result<Option<(Scan, Sites)>, PipelineError> {
+    let Some(scan) = refined(window, store, scan, slices)? else { return Ok(None) };
     let depth = window.size()[2] as u64;
     let stage = execution.stage(STAGE.0, PASSES * depth);
     let done = |stage: &Stage<'_>, core: &std::ops::Range<usize>| {
@@ -63,6 +120,15 @@ pub(super) fn locate<S: Sample>(
         execution.check()
     };
     let reach = halo(scan.units);
+    if thin_reach(scan.units) <= MOST_HALO {
+        let mut thin = Vec::new();
+        window.sweep(slices, thin_reach(scan.units), |slab, core| {
+            let (labels, uncertain) = part(store, slab)?;
+            thin.append(&mut find_thin(&scan.view(slab, &labels, &uncertain), core.clone()));
+            Ok::<_, PipelineError>(done(&stage, &core)?)
+        })?;
+        store.relabel(thin.iter().map(|t| (t.voxel, t.material)))?;
+    }
     let mut junctions = Vec::new();
     window.sweep(slices, reach, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
@@ -83,7 +149,8 @@ pub(super) fn locate<S: Sample>(
         curves.append(&mut find_curves(&view, &junctions, &sheets, core.clone()));
         Ok::<_, PipelineError>(done(&stage, &core)?)
     })?;
-    Ok(Sites::new(scan.units, curves))
+    let sites = Sites::new(scan.units, curves);
+    Ok(Some((scan, sites)))
 }
 
 /// Labels and flags of the slices of a slab, and what is around the volume.

@@ -82,11 +82,11 @@ impl Surface<'_> {
                 let started = Instant::now();
                 let sites = curves::locate(window, store, scan, self.slices, self.execution)?;
                 costs.add("locate", started.elapsed().as_secs_f64());
-                Some((*scan, sites))
+                sites
             }
             _ => None,
         };
-        let curves = curves.as_ref().map(|(scan, sites)| (*scan, sites));
+        let curves = curves.as_ref().map(|(scan, sites)| (scan, sites));
         match self.method {
             Method::Marching => self.march(window, crossings, curves, sink, costs).map(|()| None),
             Method::Dual(method) => self.dual(window, crossings, curves, &method, sink, costs).map(Some),

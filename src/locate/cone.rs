@@ -1,0 +1,412 @@
+//! Where four materials meet in general: four rays from an apex, six planar sheets between them, blurred.
+//!
+//! Cone m is spanned by the three rays other than ray m, and holds material m; ray m is the curve in which the
+//! other three materials meet. A cone is where three half-spaces overlap, so its share of the blur is one
+//! orthant probability (`orthant`). The shares sum to one: the flattest cone has what the others leave, and may then
+//! be as flat as a half-space (three blocks on a plate), or be what surrounds the other three. Notation and
+//! parameters otherwise as in `corner`: apex, two tilts of each ray, four levels with priors, log sigma.
+//!
+//! Left out: curvature; and two of a ray's three sheets in one plane, where a cone has two rays and nothing between
+//! (flush blocks: `corner`).
+
+use glam::{DMat3, DVec3};
+use nalgebra::{Matrix3, SVector};
+
+use super::frame::basis;
+use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::orthant::Planes;
+use super::sheet::{LevelPrior, Sample};
+
+/// Parameters of four cones.
+pub(super) const CONE: usize = 16;
+/// Places of the parameters: the apex stands first.
+const TILT: usize = 3;
+const LEVEL: usize = 11;
+const SIGMA: usize = 15;
+
+/// Normals of a cone whose determinant is smaller are nearly dependent.
+const FLATTEST: f64 = 0.06;
+
+/// Four cones about an apex, in blur units.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Cone {
+    /// Where the rays meet.
+    pub apex: DVec3,
+    /// Unit vectors along the curves; ray m lies between the materials other than m.
+    pub rays: [DVec3; 4],
+    /// Grey level of each material.
+    pub levels: [f64; 4],
+    /// Logarithm of the factor on sigma.
+    pub log_sigma: f64,
+}
+
+/// What is known before a fit of four cones.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ConePrior {
+    /// Grey level of each material.
+    pub levels: [LevelPrior; 4],
+    /// Standard deviation of a grey value.
+    pub noise: f64,
+    /// Standard deviation of the logarithm of sigma; zero to hold sigma.
+    pub log_sigma: f64,
+}
+
+/// Four cones and how well they fit.
+#[derive(Debug, Clone)]
+pub(super) struct ConeFit {
+    /// The cones.
+    pub cone: Cone,
+    /// The fit. Its first parameters are the apex, then two tilts of each ray.
+    pub fit: Fit<CONE>,
+    /// Derivative of each ray by its tilts, at the fit.
+    pub tangents: [[DVec3; 2]; 4],
+    /// Samples used.
+    pub samples: usize,
+}
+
+/// The three rays of cone `m`.
+#[inline]
+fn around(m: usize) -> [usize; 3] {
+    [(m + 1) % 4, (m + 2) % 4, (m + 3) % 4]
+}
+
+/// Normals of the sheets of a cone, into it, sheet i opposite ray i of [`around`]; and twice signed lengths before
+/// normalising. `None` if they are nearly dependent.
+fn faces(rays: &[DVec3; 4], m: usize) -> Option<[(DVec3, f64); 3]> {
+    let r = around(m).map(|i| rays[i]);
+    let sign = r[0].dot(r[1].cross(r[2])).signum();
+    let faces: [(DVec3, f64); 3] = std::array::from_fn(|i| {
+        let c = r[(i + 1) % 3].cross(r[(i + 2) % 3]);
+        let length = c.length().max(1e-12) * sign;
+        (c / length, length)
+    });
+    let [a, b, c] = faces.map(|f| f.0);
+    (a.dot(b.cross(c)).abs() >= FLATTEST).then_some(faces)
+}
+
+impl Cone {
+    /// How much of each ray is in a combination of all that vanishes, largest 1; negative or small for the ray that
+    /// lies within the cone of the others, or for which they are flat. `None` unless three are clearly positive.
+    fn balance(&self) -> Option<([f64; 4], usize)> {
+        let det = |m: usize| {
+            let [a, b, c] = around(m).map(|i| self.rays[i]);
+            // Cyclic permutations of four are odd.
+            if m.is_multiple_of(2) { a.dot(b.cross(c)) } else { -a.dot(b.cross(c)) }
+        };
+        let all: [f64; 4] = std::array::from_fn(det);
+        let largest = all.iter().fold(0.0f64, |m, &d| if d.abs() > m.abs() { d } else { m });
+        if largest.abs() < 1e-6 {
+            return None;
+        }
+        let all = all.map(|d| d / largest);
+        let rest = (1..4).fold(0, |m, i| if all[i] < all[m] { i } else { m });
+        (0..4).all(|m| m == rest || all[m] > 0.05).then_some((all, rest))
+    }
+
+    /// Whether the cones fill space and three of them are clear of being flat.
+    #[must_use]
+    pub(super) fn is_possible(&self) -> bool {
+        self.balance().is_some_and(|(_, rest)| (0..4).all(|m| m == rest || faces(&self.rays, m).is_some()))
+    }
+
+    /// The material at a point.
+    #[must_use]
+    pub(super) fn material(&self, at: DVec3) -> usize {
+        let r = at - self.apex;
+        let rest = self.balance().map_or(0, |b| b.1);
+        let within = |m: usize| faces(&self.rays, m).is_some_and(|f| f.iter().all(|(n, _)| n.dot(r) > 0.0));
+        (0..4).find(|&m| m != rest && within(m)).unwrap_or(rest)
+    }
+
+    /// The normal of the sheet between materials `m` and `n`, from m to n.
+    #[must_use]
+    pub(super) fn normal(&self, m: usize, n: usize) -> DVec3 {
+        let [i, j] = Self::sheet(m, n).map(|i| self.rays[i]);
+        let normal = i.cross(j).normalize_or_zero();
+        // Ray m lies on the side of cone n, which it bounds.
+        if normal.dot(self.rays[m] - self.rays[n]) > 0.0 { normal } else { -normal }
+    }
+
+    /// Signed distance of a point from the plane of the sheet between materials `m` and `n`, positive on n's side.
+    #[must_use]
+    pub(super) fn distance(&self, m: usize, n: usize, at: DVec3) -> f64 {
+        self.normal(m, n).dot(at - self.apex)
+    }
+
+    /// The rays beside the sheet between materials `m` and `n`.
+    pub(super) fn sheet(m: usize, n: usize) -> [usize; 2] {
+        let mut out = [0; 2];
+        for (slot, i) in out.iter_mut().zip((0..4).filter(|&i| i != m && i != n)) {
+            *slot = i;
+        }
+        out
+    }
+
+    /// Cones whose materials lie in about the given directions: rays at equal angles from three of them. `None`
+    /// where these do not make four cones.
+    #[cfg(test)]
+    pub(super) fn of_directions(apex: DVec3, directions: &[DVec3; 4], levels: [f64; 4]) -> Option<Self> {
+        let rays = std::array::from_fn(|m| {
+            let [a, b, c] = around(m).map(|i| directions[i]);
+            let ray = (b - a).cross(c - a).normalize_or_zero();
+            if ray.dot(a - directions[m]) > 0.0 { ray } else { -ray }
+        });
+        let cone = Self { apex, rays, levels, log_sigma: 0.0 };
+        cone.is_possible().then_some(cone)
+    }
+
+    /// Cones from the labels of samples alone: the directions of their mean places from the samples' middle.
+    #[cfg(test)]
+    pub(super) fn of_labels(samples: &[Sample], labels: &[u8], levels: [f64; 4]) -> Option<Self> {
+        let mut sums = [DVec3::ZERO; 4];
+        for (s, &label) in samples.iter().zip(labels) {
+            if let Some(sum) = sums.get_mut(usize::from(label)) {
+                *sum += s.at * s.at.length();
+            }
+        }
+        Self::of_directions(DVec3::ZERO, &sums.map(|s| s.normalize_or_zero()), levels)
+    }
+
+    /// The point nearest to four lines, each through a point along a direction, weighted alike.
+    #[must_use]
+    pub(super) fn meet(lines: &[(DVec3, DVec3); 4]) -> Option<DVec3> {
+        let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for &(point, along) in lines {
+            let across =
+                DMat3::IDENTITY - DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+            matrix += across;
+            right += across * point;
+        }
+        (matrix.determinant() > 1e-3).then(|| matrix.inverse() * right)
+    }
+
+    /// The grey value at a point, blurred. `None` for impossible cones.
+    #[cfg(test)]
+    pub(super) fn blurred(&self, at: DVec3) -> Option<f64> {
+        let seen = Seen::new(self)?;
+        let shares = seen.shares(at - self.apex);
+        Some((0..4).map(|m| self.levels[m] * shares[m]).sum())
+    }
+
+    /// Fits to samples from here. `None` if the cones are impossible, or no step is possible.
+    #[must_use]
+    pub(super) fn fit(&self, samples: &[Sample], prior: &ConePrior, iterations: usize) -> Option<ConeFit> {
+        if !self.is_possible() {
+            return None;
+        }
+        let model = Blurred { samples, frames: self.rays.map(basis), weight: 1.0 / prior.noise };
+        let mut problem = Problem {
+            active: [true; CONE],
+            prior: [(0.0, f64::INFINITY); CONE],
+            most: [0.8; CONE],
+            iterations,
+        };
+        let mut start = SVector::<f64, CONE>::zeros();
+        for i in 0..3 {
+            start[i] = self.apex[i];
+        }
+        for i in TILT..LEVEL {
+            problem.most[i] = 0.35;
+        }
+        for m in 0..4 {
+            start[LEVEL + m] = self.levels[m];
+            problem.most[LEVEL + m] = f64::INFINITY;
+            problem.prior[LEVEL + m] = (prior.levels[m].mean, prior.levels[m].sigma);
+        }
+        start[SIGMA] = self.log_sigma;
+        problem.active[SIGMA] = prior.log_sigma > 0.0;
+        problem.prior[SIGMA] = (0.0, prior.log_sigma.max(1e-6));
+        problem.most[SIGMA] = 0.1;
+        let fit = minimise(&model, &problem, start)?;
+        let (cone, tangents) = model.cone(&fit.x);
+        Some(ConeFit { cone, fit, tangents, samples: samples.len() })
+    }
+}
+
+impl ConeFit {
+    /// Standard deviation of the position of the sheet between materials `m` and `n` along its normal at a place,
+    /// for white noise.
+    #[must_use]
+    pub(super) fn sheet_sigma(&self, m: usize, n: usize, at: DVec3) -> f64 {
+        let r = at - self.cone.apex;
+        let normal = self.cone.normal(m, n);
+        let mut g = SVector::<f64, CONE>::zeros();
+        for k in 0..3 {
+            g[k] = -normal[k];
+        }
+        // The sheet follows its rays: a place between them moves by its parts along each.
+        let [i, j] = Cone::sheet(m, n);
+        let [a, b] = [self.cone.rays[i], self.cone.rays[j]];
+        let (ab, ar, br) = (a.dot(b), a.dot(r), b.dot(r));
+        let free = (1.0 - ab * ab).max(1e-9);
+        for (ray, part) in [(i, (ar - ab * br) / free), (j, (br - ab * ar) / free)] {
+            for k in 0..2 {
+                g[TILT + 2 * ray + k] = -part * normal.dot(self.tangents[ray][k]);
+            }
+        }
+        (g.transpose() * self.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
+    }
+
+    /// The covariance of the apex.
+    #[must_use]
+    pub(super) fn apex_covariance(&self) -> Matrix3<f64> {
+        self.fit.covariance.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+
+    /// Standard deviations of the apex along its principal directions, ascending.
+    #[must_use]
+    pub(super) fn apex_sigmas(&self) -> [f64; 3] {
+        let values = self.apex_covariance().symmetric_eigenvalues();
+        let mut out = [values[0], values[1], values[2]].map(|v| v.max(0.0).sqrt());
+        out.sort_unstable_by(f64::total_cmp);
+        out
+    }
+
+    /// Misfit per sample.
+    #[must_use]
+    pub(super) fn reduced(&self) -> f64 {
+        self.fit.chi2 / self.samples.max(1) as f64
+    }
+}
+
+/// One cone made ready for many voxels.
+struct One {
+    material: usize,
+    faces: [(DVec3, f64); 3],
+    planes: Planes,
+}
+
+/// Four cones made ready: three, and the rest.
+struct Seen {
+    cones: [One; 3],
+    rest: usize,
+    shrink: f64,
+}
+
+/// Only the share of all three planes counts.
+const ALL: [bool; 8] = [false, false, false, false, false, false, false, true];
+const WEIGHT: [f64; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+
+impl Seen {
+    fn new(cone: &Cone) -> Option<Self> {
+        let (_, rest) = cone.balance()?;
+        let one = |k: usize| {
+            let material = around(rest)[k];
+            let faces = faces(&cone.rays, material)?;
+            let [a, b, c] = faces.map(|f| f.0);
+            Some(One { material, faces, planes: Planes::new([b.dot(c), c.dot(a), a.dot(b)], ALL) })
+        };
+        Some(Self { cones: [one(0)?, one(1)?, one(2)?], rest, shrink: libm::exp(-cone.log_sigma) })
+    }
+
+    /// Share of each cone at a place from the apex.
+    #[inline]
+    fn shares(&self, r: DVec3) -> [f64; 4] {
+        let mut out = [0.0; 4];
+        let mut rest = 1.0;
+        for c in &self.cones {
+            let share = c.planes.shares(c.faces.map(|(n, _)| n.dot(r) * self.shrink))[7];
+            out[c.material] = share;
+            rest -= share;
+        }
+        out[self.rest] = rest;
+        out
+    }
+}
+
+struct Blurred<'a> {
+    samples: &'a [Sample],
+    /// Two tangents and each ray at the start.
+    frames: [[DVec3; 3]; 4],
+    weight: f64,
+}
+
+impl Blurred<'_> {
+    /// The cones at `x`, and the derivatives of their rays.
+    fn cone(&self, x: &SVector<f64, CONE>) -> (Cone, [[DVec3; 2]; 4]) {
+        let mut tangents = [[DVec3::ZERO; 2]; 4];
+        let rays = std::array::from_fn(|i| {
+            let [u, v, n] = self.frames[i];
+            let m = n + u * x[TILT + 2 * i] + v * x[TILT + 2 * i + 1];
+            let length = m.length();
+            let ray = m / length;
+            tangents[i] = [u, v].map(|t| (t - ray * ray.dot(t)) / length);
+            ray
+        });
+        let apex = DVec3::new(x[0], x[1], x[2]);
+        let levels = std::array::from_fn(|m| x[LEVEL + m]);
+        (Cone { apex, rays, levels, log_sigma: x[SIGMA] }, tangents)
+    }
+
+    /// The prediction at a place and its derivatives.
+    #[inline]
+    fn row(&self, cone: &Cone, seen: &Seen, tangents: &[[DVec3; 2]; 4], at: DVec3) -> (f64, [f64; CONE]) {
+        let r = at - cone.apex;
+        let shares = seen.shares(r);
+        let mut row = [0.0; CONE];
+        let mut pull = DVec3::ZERO;
+        let mut turn = [DVec3::ZERO; 4];
+        for c in &seen.cones {
+            let jump = cone.levels[c.material] - cone.levels[seen.rest];
+            let n = c.faces.map(|f| f.0);
+            let h = n.map(|n| n.dot(r) * seen.shrink);
+            let (by_h, by_rho) = c.planes.slopes(h, &WEIGHT);
+            pull += (n[0] * by_h[0] + n[1] * by_h[1] + n[2] * by_h[2]) * (-seen.shrink * jump);
+            row[SIGMA] -= jump * (by_h[0] * h[0] + by_h[1] * h[1] + by_h[2] * h[2]);
+            let rays = around(c.material);
+            for i in 0..3 {
+                let [j, k] = [(i + 1) % 3, (i + 2) % 3];
+                // Derivative by the normal, then by the product of rays that it comes from.
+                let g = (r * (by_h[i] * seen.shrink) + n[j] * by_rho[k] + n[k] * by_rho[j]) * jump;
+                let g = (g - n[i] * n[i].dot(g)) / c.faces[i].1;
+                turn[rays[j]] += cone.rays[rays[k]].cross(g);
+                turn[rays[k]] += g.cross(cone.rays[rays[j]]);
+            }
+        }
+        row[..3].copy_from_slice(&pull.to_array());
+        for i in 0..4 {
+            for t in 0..2 {
+                row[TILT + 2 * i + t] = tangents[i][t].dot(turn[i]);
+            }
+        }
+        row[LEVEL..SIGMA].copy_from_slice(&shares);
+        ((0..4).map(|m| cone.levels[m] * shares[m]).sum(), row)
+    }
+}
+
+impl Model<CONE> for Blurred<'_> {
+    fn normal_equations(&self, x: &SVector<f64, CONE>, equations: &mut Normal<CONE>) -> f64 {
+        let (cone, tangents) = self.cone(x);
+        let Some(seen) = Seen::new(&cone) else { return f64::INFINITY };
+        let mut chi2 = 0.0;
+        let mut sums = [[0.0; CONE]; CONE];
+        let mut right = [0.0; CONE];
+        for s in self.samples {
+            let (value, row) = self.row(&cone, &seen, &tangents, s.at);
+            let row = row.map(|v| v * self.weight);
+            let r = (value - s.grey) * self.weight;
+            chi2 += r * r;
+            for i in 0..CONE {
+                for j in 0..CONE {
+                    sums[i][j] += row[i] * row[j];
+                }
+                right[i] += row[i] * r;
+            }
+        }
+        for (i, sums) in sums.iter().enumerate() {
+            for (j, sum) in sums[..=i].iter().enumerate() {
+                equations.matrix[(i, j)] += sum;
+            }
+            equations.right[i] += right[i];
+        }
+        chi2
+    }
+
+    fn is_possible(&self, x: &SVector<f64, CONE>) -> bool {
+        self.cone(x).0.is_possible()
+    }
+}
+
+#[cfg(test)]
+#[path = "cone_tests.rs"]
+mod tests;

@@ -1,0 +1,143 @@
+//! The planes around a place, from patches: what corners start from.
+//!
+//! A patch tells where its interface would pass next to the place, curvature and all; those that agree are of one
+//! plane, whatever materials they part: flush faces are one plane.
+
+use glam::{DMat3, DVec3};
+
+use super::flanks::FlatIndex;
+use super::patches::Flat;
+use super::view::View;
+use crate::volume;
+
+/// Patches are looked for within this distance of a place, blur units.
+const AROUND: f64 = 10.5;
+/// No more patches than this are looked at, the nearest ones.
+const NEAR: usize = 200;
+/// Fewest patches that make a plane, and how many planes are looked at.
+const FEWEST: usize = 1;
+const MOST: usize = 7;
+/// Least cosine of the normals of a plane's patches, and how far they may be from it next to the place.
+const AGREE: f64 = 0.97;
+const OFF: f64 = 0.6;
+/// A patch that turns farther than this on the way tells nothing.
+const TURN: f64 = 0.7;
+/// A patch that is worse known than the median by this factor makes no plane of its own.
+const POOR: f64 = 2.0;
+/// Curvatures count from so many standard deviations on.
+const CURVED: f64 = 3.0;
+
+/// A patch of a plane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Part<'a> {
+    pub(super) flat: &'a Flat,
+    /// The patch in blur units from the place.
+    pub(super) at: DVec3,
+    /// Whether the patch's normal points against the plane's.
+    pub(super) turned: bool,
+}
+
+/// Patches that agree.
+#[derive(Debug, Clone)]
+pub(super) struct Plane<'a> {
+    /// Unit normal.
+    pub(super) normal: DVec3,
+    /// Distance along the normal from the place, blur units.
+    pub(super) offset: f64,
+    /// The patches.
+    pub(super) parts: Vec<Part<'a>>,
+    /// Sums of weighted normals and offsets, and of weights.
+    sums: (DVec3, f64, f64),
+}
+
+impl Plane<'_> {
+    /// A point of the plane.
+    pub(super) fn point(&self) -> DVec3 {
+        self.normal * self.offset
+    }
+
+    /// How the plane bends, as a form on space, and the standard deviation of its entries.
+    pub(super) fn bend(&self, shared: f64) -> (DMat3, f64) {
+        let (mut sum, mut weight) = (DMat3::ZERO, 0.0);
+        for part in &self.parts {
+            let w = (shared * part.flat.form_sigma).max(1e-9).powi(-2);
+            sum += part.flat.form * if part.turned { -w } else { w };
+            weight += w;
+        }
+        let form = sum * (1.0 / weight.max(1e-300));
+        let n = self.normal;
+        let project = DMat3::IDENTITY - DMat3::from_cols(n * n.x, n * n.y, n * n.z);
+        (project * form * project, weight.max(1e-300).powf(-0.5))
+    }
+}
+
+/// The planes that patches show around `centre` (voxels), those with most patches first.
+pub(super) fn planes_about<'a, S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'a>,
+    centre: DVec3,
+) -> Vec<Plane<'a>> {
+    let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
+    let mut near: Vec<(f64, DVec3, &Flat)> = flats
+        .near(centre, reach)
+        .map(|flat| {
+            let at = view.units.of(flat.at - centre);
+            (at.length(), at, flat)
+        })
+        .filter(|f| f.0 <= AROUND)
+        .collect();
+    near.sort_by(|a, b| {
+        let key = |f: &(f64, DVec3, &Flat)| [f.0, f.1.z, f.1.y, f.1.x];
+        key(a)
+            .iter()
+            .zip(key(b))
+            .map(|(x, y)| x.total_cmp(&y))
+            .find(|o| o.is_ne())
+            .unwrap_or(a.2.pair.cmp(&b.2.pair))
+    });
+    near.truncate(NEAR);
+    let mut spread: Vec<f64> = near.iter().map(|f| f.2.form_sigma).collect();
+    spread.sort_unstable_by(f64::total_cmp);
+    let poor = POOR * spread.get(spread.len() / 2).copied().unwrap_or(f64::INFINITY);
+    // Those that are well known first: planes form about them.
+    near.sort_by_key(|f| f.2.form_sigma > poor);
+    let mut planes: Vec<Plane<'a>> = Vec::new();
+    for (_, at, flat) in near {
+        let n = flat.normal;
+        let along = n * n.dot(at) - at;
+        let form = if flat.curvature > CURVED * flat.form_sigma { flat.form } else { DMat3::ZERO };
+        let turned = form * along;
+        if turned.length() > TURN {
+            continue;
+        }
+        let foot = at + along + n * (0.5 * along.dot(turned));
+        let normal = (n - turned).normalize();
+        let offset = normal.dot(foot);
+        let known = (poor / flat.form_sigma.max(1e-9)).min(4.0).powi(2);
+        let weight = known / (1.0 + 0.1 * along.length_squared()).powi(2);
+        let same = planes.iter().position(|p| {
+            let cos = p.normal.dot(normal);
+            cos.abs() > AGREE && (offset * cos.signum() - p.offset).abs() < OFF
+        });
+        if same.is_none() && flat.form_sigma > poor {
+            continue;
+        }
+        let i = same.unwrap_or_else(|| {
+            planes.push(Plane { normal, offset, parts: Vec::new(), sums: (DVec3::ZERO, 0.0, 0.0) });
+            planes.len() - 1
+        });
+        let plane = &mut planes[i];
+        let sign = plane.normal.dot(normal).signum();
+        plane.parts.push(Part { flat, at, turned: sign < 0.0 });
+        plane.sums.0 += normal * (sign * weight);
+        plane.sums.1 += offset * sign * weight;
+        plane.sums.2 += weight;
+        plane.normal = plane.sums.0.normalize();
+        plane.offset = plane.sums.1 / plane.sums.2;
+    }
+    planes.retain(|p| p.parts.len() >= FEWEST);
+    // Stable: of equals the nearer one first.
+    planes.sort_by_key(|p| std::cmp::Reverse(p.parts.len()));
+    planes.truncate(MOST);
+    planes
+}

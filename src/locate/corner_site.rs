@@ -1,0 +1,312 @@
+//! What a corner that was fitted and accepted says nearby.
+
+use glam::{DMat3, DVec3};
+
+use super::cone::{Cone, ConeFit};
+use super::corner::{CornerFit, LineKind, MATERIALS};
+use super::passage::Passage;
+use super::sites::CurveKind;
+use crate::grid::MaterialId;
+
+/// What was fitted.
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    /// Three planes.
+    Planes(Box<CornerFit>),
+    /// Four cones.
+    Cones(Box<ConeFit>),
+}
+
+/// A corner and its materials.
+#[derive(Debug, Clone)]
+pub struct CornerSite {
+    shape: Shape,
+    /// By the numbers that the shape counts materials by.
+    materials: [MaterialId; MATERIALS],
+    lines: Vec<Line>,
+    /// How far along them its sheets are known, blur units.
+    reach: f64,
+}
+
+/// A curve that leaves a corner.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    kind: CurveKind,
+    /// Unit vector away from the apex.
+    direction: DVec3,
+    /// Two of the sheets that meet in it: planes, or the materials beside.
+    sheets: [[usize; 2]; 2],
+}
+
+/// A curve that leaves a corner, seen from a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Near {
+    /// Distance of the place from it, blur units.
+    pub(super) distance: f64,
+    /// What it is.
+    pub(super) kind: CurveKind,
+}
+
+/// Sheets that are known to this are followed so far along the curves at least, and at most; blur units.
+const KNOWN: f64 = 0.08;
+const FOLLOWED: [f64; 2] = [6.0, 9.0];
+
+/// The curves of a shape. An end of two edges that touch counts as an edge.
+fn lines_of(shape: &Shape, materials: &[MaterialId; MATERIALS]) -> Vec<Line> {
+    match shape {
+        Shape::Planes(fit) => fit
+            .corner
+            .lines()
+            .iter()
+            .filter_map(|line| {
+                let kind = match line.kind {
+                    LineKind::None => return None,
+                    LineKind::Edge | LineKind::Crossing => CurveKind::Edge,
+                    LineKind::Junction => CurveKind::Junction,
+                };
+                Some(Line { kind, direction: line.direction, sheets: line.planes.map(|i| [i; 2]) })
+            })
+            .collect(),
+        Shape::Cones(fit) => (0..4)
+            .filter_map(|ray| {
+                let [a, b, c] = [1, 2, 3].map(|k| (ray + k) % 4);
+                let [x, y, z] = [a, b, c].map(|m| materials[m]);
+                let kind = match (x == y, y == z, z == x) {
+                    (true, true, _) => return None,
+                    (false, false, false) => CurveKind::Junction,
+                    _ => CurveKind::Edge,
+                };
+                // Sheets between equal materials are not seen.
+                let mut seen =
+                    [[a, b], [b, c], [c, a]].into_iter().filter(|s| materials[s[0]] != materials[s[1]]);
+                Some(Line { kind, direction: fit.cone.rays[ray], sheets: [seen.next()?, seen.next()?] })
+            })
+            .collect(),
+    }
+}
+
+impl CornerSite {
+    /// Of a fit that counts materials like `materials`.
+    #[must_use]
+    pub(super) fn new(shape: Shape, materials: [MaterialId; MATERIALS]) -> Self {
+        let lines = lines_of(&shape, &materials);
+        let mut out = Self { shape, materials, lines, reach: FOLLOWED[0] };
+        let is_known = |reach: f64| {
+            out.lines.iter().all(|line| {
+                let at = out.apex() + line.direction * reach;
+                line.sheets.iter().all(|&sheet| out.sheet_sigma(sheet, at) < KNOWN)
+            })
+        };
+        let mut reach = FOLLOWED[0];
+        while reach < FOLLOWED[1] && is_known(reach + 0.5) {
+            reach += 0.5;
+        }
+        out.reach = reach;
+        out
+    }
+
+    fn apex(&self) -> DVec3 {
+        match &self.shape {
+            Shape::Planes(fit) => fit.corner.apex,
+            Shape::Cones(fit) => fit.cone.apex,
+        }
+    }
+
+    /// Standard deviation of the apex in its worst direction, blur units, for white noise.
+    #[must_use]
+    pub fn apex_sigma(&self) -> f64 {
+        match &self.shape {
+            Shape::Planes(fit) => fit.apex_sigmas()[2],
+            Shape::Cones(fit) => fit.apex_sigmas()[2],
+        }
+    }
+
+    fn sheet_sigma(&self, sheet: [usize; 2], at: DVec3) -> f64 {
+        match &self.shape {
+            Shape::Planes(fit) => fit.plane_sigma(sheet[0], at),
+            Shape::Cones(fit) => fit.sheet_sigma(sheet[0], sheet[1], at),
+        }
+    }
+
+    /// How far along its curves it may speak, blur units.
+    #[must_use]
+    pub(super) fn reach(&self) -> f64 {
+        self.reach
+    }
+
+    /// The material at a place.
+    #[must_use]
+    pub fn material(&self, at: DVec3) -> MaterialId {
+        self.materials[match &self.shape {
+            Shape::Planes(fit) => usize::from(fit.corner.material(at)),
+            Shape::Cones(fit) => fit.cone.material(at),
+        }]
+    }
+
+    /// How many materials meet in it.
+    #[must_use]
+    pub(super) fn count(&self) -> usize {
+        let mut all = match &self.shape {
+            Shape::Planes(fit) => fit.corner.materials.map(|m| self.materials[usize::from(m)]).to_vec(),
+            Shape::Cones(_) => self.materials.to_vec(),
+        };
+        all.sort_unstable();
+        all.dedup();
+        all.len()
+    }
+
+    /// How far a place is from the apex, blur units.
+    #[must_use]
+    pub(super) fn radius(&self, at: DVec3) -> f64 {
+        at.distance(self.apex())
+    }
+
+    /// The curve nearest to a place, of a kind or of any.
+    #[must_use]
+    pub(super) fn nearest(&self, at: DVec3, asked: Option<CurveKind>) -> Option<Near> {
+        let r = at - self.apex();
+        let own = self.lines.iter().filter(|line| asked.is_none_or(|asked| asked == line.kind));
+        let seen = own.map(|line| Near { distance: self.beside(line, r, at), kind: line.kind });
+        seen.min_by(|a, b| a.distance.total_cmp(&b.distance))
+    }
+
+    /// Distance of a place, `r` from the apex, from a curve.
+    fn beside(&self, line: &Line, r: DVec3, at: DVec3) -> f64 {
+        let along = line.direction.dot(r);
+        if along <= 0.0 {
+            return r.length();
+        }
+        match &self.shape {
+            Shape::Planes(fit) => {
+                let [i, j] = line.sheets.map(|s| s[0]);
+                let (d, e) = (fit.corner.distance(i, at), fit.corner.distance(j, at));
+                let c = fit.corner.normals[i].dot(fit.corner.normals[j]);
+                let square = (d * d + e * e - 2.0 * c * d * e) / (1.0 - c * c).max(1e-6);
+                square.max(0.0).sqrt()
+            }
+            Shape::Cones(_) => (r - line.direction * along).length(),
+        }
+    }
+
+    /// The interface between two of its materials near a place; `None` if they do not meet here.
+    #[must_use]
+    pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+        match &self.shape {
+            Shape::Planes(fit) => self.passage_of_planes(fit, pair, at),
+            Shape::Cones(fit) => self.passage_of_cones(fit, pair, at),
+        }
+    }
+
+    fn passage_of_planes(&self, fit: &CornerFit, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+        let corner = &fit.corner;
+        let d: [f64; 3] = std::array::from_fn(|i| corner.distance(i, at));
+        let mut best: Option<(f64, usize, bool)> = None;
+        for i in 0..3 {
+            let others = [(i + 1) % 3, (i + 2) % 3];
+            for sides in 0..4usize {
+                let octant: usize = (0..2).map(|k| (sides >> k & 1) << others[k]).sum();
+                let found =
+                    [octant, octant | 1 << i].map(|o| self.materials[usize::from(corner.materials[o])]);
+                let along = found == pair;
+                if !along && [found[1], found[0]] != pair {
+                    continue;
+                }
+                // How far the place lies beyond the other planes.
+                let beyond = |k: usize| if sides >> k & 1 == 1 { -d[others[k]] } else { d[others[k]] };
+                let away = (0..2).map(|k| beyond(k).max(0.0).powi(2)).sum::<f64>() + d[i] * d[i];
+                if best.is_none_or(|(least, ..)| away < least) {
+                    best = Some((away, i, along));
+                }
+            }
+        }
+        let (_, i, along) = best?;
+        let normal = (corner.normals[i] - corner.forms[i] * (at - corner.apex)).normalize();
+        let passage = Passage { distance: d[i], normal, sigma: fit.plane_sigma(i, at) };
+        Some(if along { passage } else { passage.reversed() })
+    }
+
+    fn passage_of_cones(&self, fit: &ConeFit, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+        let mut best: Option<(f64, [usize; 2])> = None;
+        for m in 0..4 {
+            for n in (0..4).filter(|&n| n != m && [self.materials[m], self.materials[n]] == pair) {
+                let away = fit.cone.off_sheet(m, n, at);
+                if best.is_none_or(|(least, _)| away < least) {
+                    best = Some((away, [m, n]));
+                }
+            }
+        }
+        let [m, n] = best?.1;
+        Some(Passage {
+            distance: fit.cone.distance(m, n, at),
+            normal: fit.cone.normal(m, n),
+            sigma: fit.sheet_sigma(m, n, at),
+        })
+    }
+
+    /// Where a curve of the asked kind passes the plane `target` of an axis, nearest to `near`, no farther than
+    /// it reaches, and the standard deviation there; all in blur units.
+    #[must_use]
+    pub(super) fn pierces(
+        &self,
+        kind: CurveKind,
+        axis: usize,
+        target: f64,
+        near: DVec3,
+    ) -> Option<(DVec3, f64)> {
+        let own = self.lines.iter().filter(|line| line.kind == kind);
+        let found = own.filter_map(|line| Some((line, self.meets(line, axis, target)?)));
+        let (line, at) =
+            found.min_by(|a, b| a.1.distance_squared(near).total_cmp(&b.1.distance_squared(near)))?;
+        let normal = |[a, b]: [usize; 2]| match &self.shape {
+            Shape::Planes(fit) => fit.corner.normals[a],
+            Shape::Cones(fit) => fit.cone.normal(a, b),
+        };
+        let c = normal(line.sheets[0]).dot(normal(line.sheets[1]));
+        let sigma = line.sheets.iter().map(|&sheet| self.sheet_sigma(sheet, at)).fold(0.0, f64::max);
+        Some((at, sigma / (1.0 - c.abs()).max(0.1).sqrt()))
+    }
+
+    /// Where a half-line passes a plane.
+    fn meets(&self, line: &Line, axis: usize, target: f64) -> Option<DVec3> {
+        let apex = self.apex();
+        let slope = line.direction[axis];
+        if slope.abs() < 0.05 {
+            return None;
+        }
+        let mut at = apex + line.direction * ((target - apex[axis]) / slope);
+        if at.distance(apex) > 2.0 * self.reach {
+            return None;
+        }
+        if let Shape::Planes(fit) = &self.shape {
+            let corner = &fit.corner;
+            let [i, j] = line.sheets.map(|s| s[0]);
+            for _ in 0..4 {
+                let normal = |k: usize| corner.normals[k] - corner.forms[k] * (at - apex);
+                let rows = DMat3::from_cols(normal(i), normal(j), DVec3::AXES[axis]).transpose();
+                if rows.determinant().abs() < 0.02 {
+                    return None;
+                }
+                let off = DVec3::new(corner.distance(i, at), corner.distance(j, at), at[axis] - target);
+                at -= rows.inverse() * off;
+            }
+            if corner.distance(i, at).hypot(corner.distance(j, at)) > 1e-3 {
+                return None;
+            }
+        }
+        (0.0..=self.reach).contains(&(at - apex).dot(line.direction)).then_some(at)
+    }
+}
+
+impl Cone {
+    /// Distance of a point from the sheet between materials `m` and `n`, which ends at its rays.
+    fn off_sheet(&self, m: usize, n: usize, at: DVec3) -> f64 {
+        let r = at - self.apex;
+        let rays = Self::sheet(m, n).map(|i| self.rays[i]);
+        let (ab, ar, br) = (rays[0].dot(rays[1]), rays[0].dot(r), rays[1].dot(r));
+        if ar - ab * br > 0.0 && br - ab * ar > 0.0 {
+            return self.distance(m, n, at).abs();
+        }
+        let beside = rays.map(|ray| (r - ray * ray.dot(r).max(0.0)).length());
+        beside[0].min(beside[1])
+    }
+}

@@ -1,0 +1,318 @@
+//! Corners and points of junction curves: where they are looked for, and the fits there.
+//!
+//! Seeds are blocks whose crossings are no smooth sheet, and junction cells. Where patches around show three
+//! planes that meet nearby, a corner of three planes is fitted to all grey values around their common point, with the
+//! patches as places on the planes and their curvatures; which octant holds what is found by trial
+//! (`corner_starts`).
+//!
+//! A corner that is wrong is worse than none. So: the grey values are explained, no other material of any octant would do, the
+//! apex is known and near where the planes meet, and the planes are those of the patches.
+
+use std::cmp::Ordering;
+use std::ops::Range;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::corner::{Corner, CornerFit, LineKind, MATERIALS};
+use super::corner_fit::{Anchor, CornerPrior};
+use super::corner_planes::{Plane, planes_about};
+use super::corner_site::{CornerSite, Shape};
+use super::corner_starts::{Found, find, start};
+use super::flanks::FlatIndex;
+use super::junction_sites::junction_places;
+use super::patches::Rough;
+use super::sheet::{LevelPrior, Sample};
+use super::site::{Model, Site};
+use super::view::{Seen, View};
+use crate::grid::MaterialId;
+use crate::volume;
+
+/// Planes meet within this distance of a seed, blur units.
+pub(super) const REACH: f64 = 4.0;
+/// Determinant of their normals at least.
+const FLATTEST: f64 = 0.2;
+/// A plane that one patch alone shows makes a corner as likely as one so much farther away.
+const LONE: f64 = 1.5;
+/// Radius of the ball of a fit, blur units.
+pub(super) const FULL: f64 = 4.3;
+/// The apex may be so far from where the planes of the patches meet.
+pub(super) const FARTHEST: f64 = 2.0;
+/// A fit whose apex moved farther than this is made again about it.
+pub(super) const STILL: f64 = 0.3;
+/// Patches so far from the apex are places on the planes.
+const ANCHORS: Range<f64> = 3.2..8.0;
+/// But not those that a fit without them leaves by more standard deviations than this, and some room.
+const DOUBTFUL: f64 = 4.0;
+const ROOM: f64 = 0.1;
+/// Neighbouring patches share grey values: each counts as this much less certain.
+const SHARED: f64 = 2.0;
+/// What a patch is off by beside noise, blur units.
+const OFF: f64 = 0.004;
+/// Planes bend if their curvature is larger than this, per blur unit, and they may change towards the corner.
+const STRAIGHT: f64 = 0.012;
+const BEND: f64 = 0.02;
+/// Planes that bend more are no planes within the ball.
+const MOST_BENT: f64 = 0.12;
+/// Standard deviation of grey levels, as a share of the contrast, beside what the levels say.
+pub(super) const LEVEL: f64 = 0.02;
+/// Standard deviation of the logarithm of sigma.
+pub(super) const SIGMA: f64 = 0.05;
+/// The models' own errors, as a share of the contrast.
+pub(super) const MODEL: f64 = 0.0007;
+/// Residuals up to this share of the contrast are the model's.
+const RESIDUAL: f64 = 0.008;
+/// A first fit that leaves this many times what may be left is given up.
+const HOPELESS: f64 = 3.0;
+/// Cosine of the normals beside an edge at most: planes that turn less may be a rounding.
+const BLUNT: f64 = 0.83;
+/// Largest standard deviation of the apex, blur units.
+pub(super) const UNSURE: f64 = 0.25;
+/// Edge of the boxes in which one fit is enough, voxels.
+pub(super) const CELL: f64 = 4.0;
+/// Starts of a box that are tried.
+const STARTS: usize = 3;
+/// Edge of the boxes in which one seed is enough, voxels.
+const SEEDS: f64 = 3.0;
+/// Fewest voxels with a label for its material to count.
+const FEWEST: usize = 3;
+
+/// Fits the corners whose start lies in a box that begins in the slices `core`.
+#[must_use]
+pub(super) fn corner_sites<S: volume::Sample>(
+    view: &View<'_, S>,
+    flats: &FlatIndex<'_>,
+    rough: &[Rough],
+    core: &Range<usize>,
+) -> Vec<Site> {
+    let reach = view.units.voxel(DVec3::splat(REACH + FARTHEST)).z + CELL;
+    let slices = (core.start as f64 - reach).max(0.0)..core.end as f64 + reach;
+    let last = view.slab.size()[2] - 1;
+    let mut seeds = junction_places(view, slices.start as usize..(slices.end.ceil() as usize).min(last));
+    seeds.extend(rough.iter().map(|r| r.at));
+    seeds.retain(|at| slices.contains(&at.z));
+    let seeds = thinned(seeds);
+    let mut starts: Vec<Start> = seeds.par_iter().flat_map_iter(|seed| starts(view, flats, *seed)).collect();
+    starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
+    starts.sort_by(|a, b| {
+        let key = |s: &Start| [s.away, s.at.z, s.at.y, s.at.x];
+        let places = || key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y));
+        a.cell.cmp(&b.cell).then_with(|| places().find(|o| o.is_ne()).unwrap_or(Ordering::Equal))
+    });
+    let boxes: Vec<&[Start]> = starts.chunk_by(|a, b| a.cell == b.cell).collect();
+    boxes
+        .into_par_iter()
+        .filter_map(|all| {
+            let step = all.len().div_ceil(STARTS).max(1);
+            all.iter().step_by(step).find_map(|start| fit(view, flats, start))
+        })
+        .collect()
+}
+
+/// The lowest of the seeds in each box: a corner is looked for farther around than that. Boxes that the ends of what is seen cut
+/// are too far from the core to matter.
+pub(super) fn thinned(seeds: Vec<DVec3>) -> Vec<DVec3> {
+    let key = |at: &DVec3| (*at / SEEDS).floor().as_ivec3().to_array();
+    let mut seeds: Vec<([i32; 3], DVec3)> = seeds.into_iter().map(|at| (key(&at), at)).collect();
+    seeds.sort_by(|a, b| {
+        let places = a.1.to_array().into_iter().zip(b.1.to_array());
+        a.0.cmp(&b.0)
+            .then_with(|| places.map(|(x, y)| x.total_cmp(&y)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal))
+    });
+    seeds.dedup_by_key(|s| s.0);
+    seeds.into_iter().map(|s| s.1).collect()
+}
+
+/// Where three planes meet.
+struct Start {
+    cell: [i32; 3],
+    /// The place, voxels.
+    at: DVec3,
+    /// Distance from the seed, blur units.
+    away: f64,
+}
+
+/// The triples of planes that meet near a place, nearest first: which, and where.
+fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3)> {
+    let mut out = Vec::new();
+    for i in 0..planes.len() {
+        for j in 0..i {
+            for k in 0..j {
+                let three = [i, j, k].map(|p| (planes[p].point(), planes[p].normal));
+                let determinant = three[0].1.dot(three[1].1.cross(three[2].1)).abs();
+                if determinant > FLATTEST
+                    && let Some(apex) = Corner::meet(&three).filter(|a| a.length() < reach)
+                {
+                    out.push(([i, j, k], apex));
+                }
+            }
+        }
+    }
+    let cost = |(three, apex): &([usize; 3], DVec3)| {
+        let lone = three.iter().filter(|&&p| planes[p].parts.len() == 1).count();
+        apex.length() + LONE * lone as f64
+    };
+    out.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+    out
+}
+
+fn starts<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: DVec3) -> Vec<Start> {
+    let planes = planes_about(view, flats, seed);
+    let found = triples(&planes, REACH);
+    found
+        .into_iter()
+        .map(|(_, apex)| {
+            let at = seed + view.units.voxel(apex);
+            let cell = at.to_array().map(|c| (c / CELL).floor() as i32);
+            Start { cell, at, away: apex.length() }
+        })
+        .collect()
+}
+
+/// Whether a misfit per sample is what noise allows, or a small share of the contrast.
+pub(super) fn is_explained(reduced: f64, samples: usize, noise: f64, contrast: f64) -> bool {
+    reduced < 1.0 + 7.0 * (2.0 / samples as f64).sqrt() || reduced.sqrt() * noise < RESIDUAL * contrast
+}
+
+/// What a corner is fitted with, about `middle`.
+struct Window {
+    samples: Vec<Sample>,
+    /// Materials by the numbers that labels have here.
+    materials: Vec<MaterialId>,
+    labels: Vec<u8>,
+    prior: CornerPrior,
+    anchors: Vec<Anchor>,
+    planes: [(DVec3, DVec3); 3],
+    contrast: f64,
+}
+
+impl Window {
+    /// Of the voxels about `middle` (voxels) and three planes there.
+    fn new<S: volume::Sample>(view: &View<'_, S>, middle: DVec3, planes: [&Plane<'_>; 3]) -> Option<Self> {
+        let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
+        view.samples(middle, DVec3::ZERO, FULL, &mut seen, &mut samples);
+        let mut materials: Vec<MaterialId> = seen.iter().map(|s| s.label).collect();
+        materials.sort_unstable();
+        materials = materials.chunk_by(|a, b| a == b).filter(|g| g.len() >= FEWEST).map(|g| g[0]).collect();
+        if !(2..=MATERIALS).contains(&materials.len()) || materials.contains(&MaterialId::OUTSIDE) {
+            return None;
+        }
+        let labels =
+            seen.iter().map(|s| materials.binary_search(&s.label).map_or(u8::MAX, |i| i as u8)).collect();
+        let levels: Vec<LevelPrior> = materials.iter().map(|&m| view.level(m, middle)).collect();
+        let ends = levels
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(l.mean), b.max(l.mean)]);
+        let contrast = ends[1] - ends[0];
+        let mut bends = [(DMat3::ZERO, 0.0); 3];
+        for (bend, plane) in bends.iter_mut().zip(planes) {
+            let (form, sigma) = plane.bend(SHARED);
+            let size = form.to_cols_array().iter().map(|c| c * c).sum::<f64>().sqrt();
+            if size > MOST_BENT {
+                return None;
+            }
+            if size > STRAIGHT.max(2.0 * sigma) {
+                *bend = (form, sigma.hypot(BEND));
+            }
+        }
+        let prior = CornerPrior {
+            levels: std::array::from_fn(|m| {
+                let level = levels.get(m)?;
+                Some(LevelPrior { mean: level.mean, sigma: level.sigma.hypot(LEVEL * contrast) })
+            }),
+            noise: view.reading(&materials, MODEL).noise,
+            log_sigma: SIGMA,
+            bends,
+        };
+        let planes_of = |plane: usize| {
+            planes[plane].parts.iter().filter(|p| ANCHORS.contains(&p.at.length())).map(move |p| Anchor {
+                plane,
+                at: p.at,
+                sigma: (SHARED * p.flat.sigma).hypot(OFF),
+            })
+        };
+        let anchors = (0..3).flat_map(planes_of).collect();
+        let planes = planes.map(|p| (p.point(), p.normal));
+        Some(Self { samples, materials, labels, prior, anchors, planes, contrast })
+    }
+
+    fn find(&self, anchors: &[Anchor]) -> Option<Found> {
+        find(&self.planes, &self.samples, &self.labels, anchors, &self.prior)
+    }
+
+    /// The places on planes that agree with a fit without them.
+    fn agreeing(&self, fit: &CornerFit) -> Vec<Anchor> {
+        let same = |normal: DVec3, i: usize| fit.corner.normals[i].dot(normal).abs();
+        let plane_of = self
+            .planes
+            .map(|(_, normal)| (1..3).fold(0, |m, i| if same(normal, i) > same(normal, m) { i } else { m }));
+        let agrees = |a: &&Anchor| {
+            let i = plane_of[a.plane];
+            let off = fit.corner.distance(i, a.at).abs();
+            off < DOUBTFUL * a.sigma.hypot(fit.plane_sigma(i, a.at)) + ROOM
+        };
+        self.anchors.iter().filter(agrees).copied().collect()
+    }
+
+    /// Whether a fit leaves far more than a better start would explain.
+    fn is_hopeless(&self, fit: &CornerFit) -> bool {
+        fit.reduced() > HOPELESS
+            && fit.reduced().sqrt() * self.prior.noise > HOPELESS * RESIDUAL * self.contrast
+    }
+
+    /// Whether a fit may be taken.
+    fn accepts(&self, found: &Found) -> bool {
+        let fit = &found.fit;
+        let explained = is_explained(fit.reduced(), fit.samples, self.prior.noise, self.contrast);
+        let lines = fit.corner.lines();
+        let curves = lines.iter().filter(|l| l.kind != LineKind::None).count();
+        let blunt = lines.iter().filter(|l| l.kind == LineKind::Edge).any(|l| {
+            let [a, b] = l.planes.map(|i| fit.corner.normals[i]);
+            a.dot(b).abs() > BLUNT
+        });
+        found.is_sound(FULL)
+            && explained
+            && curves >= 3
+            && !blunt
+            && fit.corner.is_complete()
+            && fit.apex_sigmas()[2] < UNSURE
+            && fit.corner.log_sigma.abs() < 2.5 * SIGMA
+    }
+}
+
+fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, at: &Start) -> Option<Site> {
+    let (_, apex) = triples(&planes_about(view, flats, at.at), REACH).into_iter().next()?;
+    let mut middle = at.at + view.units.voxel(apex);
+    let mut last: Option<CornerFit> = None;
+    loop {
+        let planes = planes_about(view, flats, middle);
+        let (three, _) = triples(&planes, REACH).into_iter().next()?;
+        let window = Window::new(view, middle, three.map(|p| &planes[p]))?;
+        // From the voxels alone, then with the patches that agree.
+        let Some(before) = last else {
+            if !start(&window.planes, &window.samples, &window.labels, &window.prior)?.is_complete() {
+                return None;
+            }
+            let mut found = window.find(&[])?.fit;
+            let moved = found.corner.apex;
+            if moved.length() > FARTHEST || window.is_hopeless(&found) {
+                return None;
+            }
+            if moved.length() > STILL {
+                middle += view.units.voxel(moved);
+                found.corner.apex = DVec3::ZERO;
+            }
+            last = Some(found);
+            continue;
+        };
+        let found = window.find(&window.agreeing(&before))?;
+        if found.fit.corner.apex.length() > FARTHEST || !window.accepts(&found) {
+            return None;
+        }
+        let materials = std::array::from_fn(|m| window.materials[m.min(window.materials.len() - 1)]);
+        let apex = middle + view.units.voxel(found.fit.corner.apex);
+        let corner = CornerSite::new(Shape::Planes(Box::new(found.fit)), materials);
+        let three = [materials[0], materials[1], materials[2]];
+        return Some(Site { middle, at: apex, materials: three, model: Model::Corner(Box::new(corner)) });
+    }
+}
