@@ -12,6 +12,7 @@
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, SVector};
 
+use super::corner::principal_sigmas;
 use super::frame::basis;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
 use super::orthant::Planes;
@@ -256,10 +257,7 @@ impl ConeFit {
     /// Standard deviations of the apex along its principal directions, ascending.
     #[must_use]
     pub(super) fn apex_sigmas(&self) -> [f64; 3] {
-        let values = self.apex_covariance().symmetric_eigenvalues();
-        let mut out = [values[0], values[1], values[2]].map(|v| v.max(0.0).sqrt());
-        out.sort_unstable_by(f64::total_cmp);
-        out
+        principal_sigmas(&self.apex_covariance())
     }
 
     /// Misfit per sample.

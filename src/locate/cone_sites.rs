@@ -16,15 +16,14 @@ use super::cone::{Cone, ConeFit, ConePrior};
 use super::corner::Corner;
 use super::corner_planes::{Plane, planes_about};
 use super::corner_site::{CornerSite, Shape};
-use super::corner_sites::{
-    CELL, FARTHEST, FULL, LEVEL, MODEL, REACH, SIGMA, STILL, UNSURE, is_explained, thinned,
-};
+use super::corner_sites::{CELL, FARTHEST, FULL, LEVEL, MODEL, REACH, SIGMA, STILL, UNSURE, thinned};
 use super::flanks::FlatIndex;
 use super::frame::BlurUnits;
 use super::junction_sites::junction_places;
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
+use super::wedge::is_explained;
 use crate::grid::MaterialId;
 use crate::volume;
 

@@ -205,10 +205,7 @@ impl CornerFit {
     /// Standard deviations of the apex along its principal directions, ascending.
     #[must_use]
     pub(super) fn apex_sigmas(&self) -> [f64; 3] {
-        let values = self.apex_covariance().symmetric_eigenvalues();
-        let mut out = [values[0], values[1], values[2]].map(|v| v.max(0.0).sqrt());
-        out.sort_unstable_by(f64::total_cmp);
-        out
+        principal_sigmas(&self.apex_covariance())
     }
 
     /// Misfit per sample.
@@ -216,6 +213,14 @@ impl CornerFit {
     pub(super) fn reduced(&self) -> f64 {
         self.fit.chi2 / self.samples.max(1) as f64
     }
+}
+
+/// Standard deviations along the principal directions of a covariance, ascending.
+pub(super) fn principal_sigmas(covariance: &Matrix3<f64>) -> [f64; 3] {
+    let values = covariance.symmetric_eigenvalues();
+    let mut out = [values[0], values[1], values[2]].map(|v| v.max(0.0).sqrt());
+    out.sort_unstable_by(f64::total_cmp);
+    out
 }
 
 /// Derivatives of the distance of a place from plane `i`.

@@ -25,6 +25,7 @@ use super::patches::Rough;
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
+use super::wedge::{RESIDUAL, is_explained};
 use crate::grid::MaterialId;
 use crate::volume;
 
@@ -60,8 +61,6 @@ pub(super) const LEVEL: f64 = 0.02;
 pub(super) const SIGMA: f64 = 0.05;
 /// The models' own errors, as a share of the contrast.
 pub(super) const MODEL: f64 = 0.0007;
-/// Residuals up to this share of the contrast are the model's.
-const RESIDUAL: f64 = 0.008;
 /// A first fit that leaves this many times what may be left is given up.
 const HOPELESS: f64 = 3.0;
 /// Cosine of the normals beside an edge at most: planes that turn less may be a rounding.
@@ -167,11 +166,6 @@ fn starts<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: DV
             Start { cell, at, away: apex.length() }
         })
         .collect()
-}
-
-/// Whether a misfit per sample is what noise allows, or a small share of the contrast.
-pub(super) fn is_explained(reduced: f64, samples: usize, noise: f64, contrast: f64) -> bool {
-    reduced < 1.0 + 7.0 * (2.0 / samples as f64).sqrt() || reduced.sqrt() * noise < RESIDUAL * contrast
 }
 
 /// What a corner is fitted with, about `middle`.

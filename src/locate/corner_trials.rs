@@ -8,9 +8,10 @@ use rand_chacha::ChaCha8Rng;
 
 use super::corner::{Corner, MATERIALS};
 use super::corner_fit::{Anchor, CornerPrior};
-use super::corner_sites::{UNSURE, is_explained};
+use super::corner_sites::UNSURE;
 use super::corner_starts::find;
 use super::sheet::{LevelPrior, Sample};
+use super::wedge::is_explained;
 
 /// A normally distributed number, by Box and Muller.
 pub(crate) fn gaussian(rng: &mut ChaCha8Rng) -> f64 {

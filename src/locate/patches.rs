@@ -18,7 +18,7 @@ use super::frame::BlurUnits;
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample, Sheet, fit_sheet};
 use super::specks::settle;
-use super::thin_faces::{ThinFace, thin_face};
+use super::thin_faces::{ThinFace, explains, thin_face};
 use super::view::{Seen, View};
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::grid::MaterialId;
@@ -469,7 +469,6 @@ fn fit_around<S: volume::Sample>(
     let levels = levels.map(|l| LevelPrior { sigma: l.sigma.hypot(LEVEL * contrast), ..l });
     let reading = view.reading(&pair, MODEL);
     let sheet = fit_sheet(&samples, DVec3::ZERO, normal, levels, reading)?;
-    let n = samples.len() as f64;
-    let explained = sheet.fit.chi2 / n < 1.0 + 6.0 * (2.0 / n).sqrt() && sheet.fit.strain < 16.0;
+    let explained = explains(sheet.fit.chi2, sheet.fit.strain, samples.len());
     (explained && sheet.curvature() < MOST_CURVED).then_some(sheet)
 }
