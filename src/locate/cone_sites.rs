@@ -230,10 +230,10 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, start: &Start) -> Option<Site> {
     let ends =
         levels.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], l| [a.min(l.mean), b.max(l.mean)]);
     let contrast = ends[1] - ends[0];
-    let noise = view.reading(&materials, MODEL).noise;
+    let reading = view.reading(&materials, MODEL);
     let prior = ConePrior {
         levels: levels.map(|l| LevelPrior { mean: l.mean, sigma: l.sigma.hypot(LEVEL * contrast) }),
-        noise,
+        noise: reading.noise,
         log_sigma: SIGMA,
     };
     let mut cone = Cone { apex: DVec3::ZERO, rays, levels: levels.map(|l| l.mean), log_sigma: 0.0 };
@@ -258,7 +258,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, start: &Start) -> Option<Site> {
     }
     let fit = last?;
     let accepted = fit.fit.converged
-        && is_explained(fit.reduced(), fit.samples, noise, contrast)
+        && is_explained(fit.reduced(), fit.samples, &reading, contrast)
         && fit.apex_sigmas()[2] < UNSURE
         && fit.cone.log_sigma.abs() < 2.5 * SIGMA
         && view.units.of(middle - start.at).length() < 2.0 * FARTHEST;

@@ -22,7 +22,7 @@ use super::corner_starts::{Found, find, start};
 use super::flanks::FlatIndex;
 use super::junction_sites::junction_places;
 use super::patches::Rough;
-use super::sheet::{LevelPrior, Sample};
+use super::sheet::{LevelPrior, Reading, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{RESIDUAL, is_explained};
@@ -174,6 +174,7 @@ struct Window {
     /// Materials by the numbers that labels have here.
     materials: Vec<MaterialId>,
     labels: Vec<u8>,
+    reading: Reading,
     prior: CornerPrior,
     anchors: Vec<Anchor>,
     planes: [(DVec3, DVec3); 3],
@@ -209,12 +210,13 @@ impl Window {
                 *bend = (form, sigma.hypot(BEND));
             }
         }
+        let reading = view.reading(&materials, MODEL);
         let prior = CornerPrior {
             levels: std::array::from_fn(|m| {
                 let level = levels.get(m)?;
                 Some(LevelPrior { mean: level.mean, sigma: level.sigma.hypot(LEVEL * contrast) })
             }),
-            noise: view.reading(&materials, MODEL).noise,
+            noise: reading.noise,
             log_sigma: SIGMA,
             bends,
         };
@@ -227,7 +229,7 @@ impl Window {
         };
         let anchors = (0..3).flat_map(planes_of).collect();
         let planes = planes.map(|p| (p.point(), p.normal));
-        Some(Self { samples, materials, labels, prior, anchors, planes, contrast })
+        Some(Self { samples, materials, labels, reading, prior, anchors, planes, contrast })
     }
 
     fn find(&self, anchors: &[Anchor]) -> Option<Found> {
@@ -257,7 +259,7 @@ impl Window {
     /// Whether a fit may be taken.
     fn accepts(&self, found: &Found) -> bool {
         let fit = &found.fit;
-        let explained = is_explained(fit.reduced(), fit.samples, self.prior.noise, self.contrast);
+        let explained = is_explained(fit.reduced(), fit.samples, &self.reading, self.contrast);
         let lines = fit.corner.lines();
         let curves = lines.iter().filter(|l| l.kind != LineKind::None).count();
         let blunt = lines.iter().filter(|l| l.kind == LineKind::Edge).any(|l| {

@@ -10,6 +10,7 @@ use super::corner::{Corner, MATERIALS};
 use super::corner_fit::{Anchor, CornerPrior};
 use super::corner_sites::UNSURE;
 use super::corner_starts::find;
+use super::fixtures::reading;
 use super::sheet::{LevelPrior, Sample};
 use super::wedge::is_explained;
 
@@ -341,7 +342,7 @@ fn what_is_no_corner() {
             // As where corners are looked for.
             let taken = found.as_ref().is_some_and(|f| {
                 f.is_sound(4.3)
-                    && is_explained(f.fit.reduced(), f.fit.samples, noise, LEVELS[3] - LEVELS[0])
+                    && is_explained(f.fit.reduced(), f.fit.samples, &reading(noise), LEVELS[3] - LEVELS[0])
                     && f.fit.apex_sigmas()[2] < UNSURE
             });
             let text =

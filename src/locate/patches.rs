@@ -469,6 +469,6 @@ fn fit_around<S: volume::Sample>(
     let levels = levels.map(|l| LevelPrior { sigma: l.sigma.hypot(LEVEL * contrast), ..l });
     let reading = view.reading(&pair, MODEL);
     let sheet = fit_sheet(&samples, DVec3::ZERO, normal, levels, reading)?;
-    let explained = explains(sheet.fit.chi2, sheet.fit.strain, samples.len());
+    let explained = explains(sheet.fit.chi2, sheet.fit.strain, samples.len(), reading.slack);
     (explained && sheet.curvature() < MOST_CURVED).then_some(sheet)
 }

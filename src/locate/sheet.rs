@@ -47,6 +47,9 @@ pub struct Reading {
     pub noise: f64,
     /// The lowest and the highest value there can be: at these ends it says only that the truth is no nearer.
     pub clip: [f64; 2],
+    /// How many times the squared deviations that `noise` makes the scan shows at its worse interfaces, 1 or more: streaks are
+    /// not everywhere. What a fit leaves up to this factor is no reason to refuse it.
+    pub slack: f64,
 }
 
 /// A fitted sheet, in blur units about the window's middle.

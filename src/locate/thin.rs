@@ -259,7 +259,7 @@ fn slab_at<S: volume::Sample>(
     }
     let (levels, noise) = levels(view, place, materials);
     let slab = fit_slab(&samples, start, levels, noise)?;
-    let good = explains(slab.fit.chi2, slab.fit.strain, samples.len())
+    let good = explains(slab.fit.chi2, slab.fit.strain, samples.len(), 1.0)
         && (THINNEST..THICKEST).contains(&slab.half())
         && slab.half_sigma() < UNSURE
         && slab.curvature() < MOST_CURVED
@@ -287,7 +287,7 @@ fn ball_at<S: volume::Sample>(
     }
     let (levels, noise) = levels(view, place, materials);
     let ball = fit_ball(&samples, DVec3::ZERO, radius, levels, noise)?;
-    let good = explains(ball.fit.chi2, ball.fit.strain, samples.len())
+    let good = explains(ball.fit.chi2, ball.fit.strain, samples.len(), 1.0)
         && (SMALLEST..LARGEST).contains(&ball.radius())
         && ball.radius_sigma() < UNSURE
         && ball.centre().length() < 1.0;

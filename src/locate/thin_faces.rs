@@ -174,10 +174,10 @@ pub(super) fn levels<S: volume::Sample, const N: usize>(
     (all.map(|l| LevelPrior { sigma: l.sigma.hypot(LEVEL * contrast), ..l }), noise)
 }
 
-/// Whether a fit explains `n` grey values.
-pub(super) fn explains(chi2: f64, strain: f64, n: usize) -> bool {
+/// Whether a fit explains `n` grey values, of which a scan may show `slack` times what noise makes of them.
+pub(super) fn explains(chi2: f64, strain: f64, n: usize, slack: f64) -> bool {
     let n = n as f64;
-    chi2 / n < 1.0 + 6.0 * (2.0 / n).sqrt() && strain < 16.0
+    chi2 / n < slack * (1.0 + 6.0 * (2.0 / n).sqrt()) && strain < 16.0
 }
 
 /// The samples within `radius` whose labels do not contradict, and that no blur of those that do, or are `strange`,
@@ -247,7 +247,7 @@ fn slab_around<S: volume::Sample>(
         return None;
     }
     let slab = fit_slab(&samples, Start { at: DVec3::ZERO, normal, half }, levels, noise)?;
-    let good = explains(slab.fit.chi2, slab.fit.strain, samples.len())
+    let good = explains(slab.fit.chi2, slab.fit.strain, samples.len(), 1.0)
         && slab.curvature() < MOST_CURVED
         && slab.half() > 0.4
         && slab.half() < 0.5 * THICK + 0.5
@@ -311,7 +311,7 @@ fn ball_around<S: volume::Sample>(
         return None;
     }
     let ball = fit_ball(&samples, centre, radius, levels, noise)?;
-    let good = explains(ball.fit.chi2, ball.fit.strain, samples.len())
+    let good = explains(ball.fit.chi2, ball.fit.strain, samples.len(), 1.0)
         && ball.radius() > 0.7
         && ball.centre().distance(centre) < 1.2;
     good.then_some(ball)

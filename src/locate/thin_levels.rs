@@ -246,7 +246,7 @@ impl Places {
                 let slab =
                     fit_blurred_slab(&place.samples, start, levels, (state.log_blur, width), FREEDOM, noise)?;
                 let Slab { fit, .. } = slab;
-                if strict && !explains(fit.chi2, fit.strain, place.samples.len()) {
+                if strict && !explains(fit.chi2, fit.strain, place.samples.len(), 1.0) {
                     return None;
                 }
                 let shift = [fit.x[WITHIN] - level.mean, fit.x[BLUR] - state.log_blur];

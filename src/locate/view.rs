@@ -37,14 +37,17 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// See `misfits`; of a pair that was not measured the median of those that were.
-    fn misfit(&self, pair: [usize; 2]) -> f64 {
+    /// The shares of `misfits`, median and worst; of a pair that was not measured the medians of those that were.
+    fn misfit(&self, pair: [usize; 2]) -> [f64; 2] {
         if let Some(own) = self.misfits.iter().find(|m| m.pair == pair) {
-            return own.share;
+            return [own.share, own.worst];
         }
-        let mut shares: Vec<f64> = self.misfits.iter().map(|m| m.share).collect();
-        shares.sort_by(f64::total_cmp);
-        shares.get(shares.len() / 2).copied().unwrap_or(0.0)
+        let median = |share: fn(&Misfit) -> f64| {
+            let mut shares: Vec<f64> = self.misfits.iter().map(share).collect();
+            shares.sort_by(f64::total_cmp);
+            shares.get(shares.len() / 2).copied().unwrap_or(0.0)
+        };
+        [median(|m| m.share), median(|m| m.worst)]
     }
 
     /// The scan, seen through some slices.
@@ -197,14 +200,17 @@ impl<S: volume::Sample> View<'_, S> {
             [a.min(scan.means[m]), b.max(scan.means[m])]
         });
         // Of several pairs the mean: each is seen by a part of the voxels.
-        let (mut sum, mut pairs) = (0.0, 0);
+        let (mut sums, mut pairs) = ([0.0; 2], 0);
         for a in ids() {
             for b in ids().filter(|b| a < *b) {
-                sum += (scan.misfit([a, b]) * (scan.means[b] - scan.means[a])).powi(2);
+                let misfit = scan.misfit([a, b]).map(|share| (share * (scan.means[b] - scan.means[a])).powi(2));
+                sums = [sums[0] + misfit[0], sums[1] + misfit[1]];
                 pairs += 1;
             }
         }
-        let off = (sum / f64::from(pairs.max(1))).sqrt().hypot((ends[1] - ends[0]) * model);
-        Reading { noise: noise.sqrt().hypot(off), clip: scan.clip }
+        // Squares of what grey values are off by, at usual and at worse places.
+        let model = ((ends[1] - ends[0]) * model).powi(2);
+        let [usual, worse] = sums.map(|sum| noise + sum / f64::from(pairs.max(1)) + model);
+        Reading { noise: usual.sqrt(), clip: scan.clip, slack: (worse / usual).max(1.0) }
     }
 }

@@ -420,7 +420,7 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
     /// Whether the wedge explains its grey values: as well as noise allows, or but for a small share of the contrast.
     #[must_use]
     pub fn explains(&self, reading: &Reading, contrast: f64) -> bool {
-        is_explained(self.reduced(), self.samples, reading.noise, contrast)
+        is_explained(self.reduced(), self.samples, reading, contrast)
     }
 
     /// This planar fit, or a curved one from it if that explains the same data enough better.
@@ -434,9 +434,10 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
     }
 }
 
-/// Whether a misfit per sample is what noise allows, or a small share of the contrast.
-pub(super) fn is_explained(reduced: f64, samples: usize, noise: f64, contrast: f64) -> bool {
-    reduced < 1.0 + 7.0 * (2.0 / samples as f64).sqrt() || reduced.sqrt() * noise < RESIDUAL * contrast
+/// Whether a misfit per sample is what noise allows, at the scan's worse interfaces too, or a small share of the contrast.
+pub(super) fn is_explained(reduced: f64, samples: usize, reading: &Reading, contrast: f64) -> bool {
+    reduced < reading.slack * (1.0 + 7.0 * (2.0 / samples as f64).sqrt())
+        || reduced.sqrt() * reading.noise < RESIDUAL * contrast
 }
 
 /// Residuals up to this share of the contrast are the model's: with little noise they would be seen.

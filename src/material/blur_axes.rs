@@ -51,7 +51,7 @@ pub(super) fn blur(geometry: &Geometry, fitted: &[Fitted]) -> (Blur, Option<Edge
     if clean.len() < MIN_PATCHES {
         return (Blur::found(geometry, None, None, [true; 3], clean.len()), None);
     }
-    let median = weighted_median(clean.iter().map(|(_, fit, weight)| (fit.sigma, *weight)).collect());
+    let median = weighted_median(&clean.iter().map(|(_, fit, weight)| (fit.sigma, *weight)).collect::<Vec<_>>());
     let kept: Vec<&Fitted> = clean
         .into_iter()
         .filter(|(_, fit, _)| (SPREAD[0]..SPREAD[1]).contains(&(fit.sigma / median)))
@@ -80,7 +80,7 @@ fn clean(fitted: &[Fitted]) -> Vec<&Fitted> {
         .iter()
         .map(|own| {
             let of_pair = fitted.iter().filter(|(patch, ..)| pair(patch) == *own);
-            weighted_median(of_pair.map(|(_, fit, weight)| (fit.rms, *weight)).collect())
+            weighted_median(&of_pair.map(|(_, fit, weight)| (fit.rms, *weight)).collect::<Vec<_>>())
         })
         .collect();
     fitted
@@ -108,14 +108,14 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
     let few = [0, 1, 2].map(|a| rows.iter().map(|r| r.0[a]).sum::<f64>() < MIN_SUM);
     let mut axes2 = Vector3::from([0, 1, 2].map(|a| {
         let facing: Vec<_> = rows.iter().filter(|r| r.0[a] >= FACING).map(|r| (r.1, r.2)).collect();
-        if facing.len() >= MIN_FACING && !few[a] { weighted_median(facing) } else { 1.0 }
+        if facing.len() >= MIN_FACING && !few[a] { weighted_median(&facing) } else { 1.0 }
     }));
     let mut robust = vec![1.0; rows.len()];
     let mut isotropic = [false; 3];
     for _ in 0..ROUNDS {
         let residuals: Vec<f64> =
             rows.iter().map(|(n2, s2, weight)| (s2 - n2.dot(&axes2)) * weight.sqrt()).collect();
-        let scale = weighted_median(residuals.iter().map(|r| (r.abs(), 1.0)).collect()) / 0.6745;
+        let scale = weighted_median(&residuals.iter().map(|r| (r.abs(), 1.0)).collect::<Vec<_>>()) / 0.6745;
         let limit = TUKEY * scale.max(SCALE);
         for (robust, r) in robust.iter_mut().zip(&residuals) {
             let share = (r / limit).powi(2);
@@ -141,13 +141,19 @@ fn per_axis(fits: &[&EdgeFit], median: f64) -> ([f64; 3], [bool; 3], Vec<f64>) {
 }
 
 /// The value with half of the weight below it; 0 without values.
-pub(super) fn weighted_median(mut values: Vec<(f64, f64)>) -> f64 {
+fn weighted_median(values: &[(f64, f64)]) -> f64 {
+    weighted_quantile(values, 0.5)
+}
+
+/// The value that those of the share `part` of the weight do not exceed, of values with weights; 0 without values.
+pub(super) fn weighted_quantile(values: &[(f64, f64)], part: f64) -> f64 {
+    let mut values = values.to_vec();
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let wanted = part * values.iter().map(|v| v.1).sum::<f64>();
     let mut below = 0.0;
     let found = values.iter().find(|(_, weight)| {
         below += weight;
-        below >= half
+        below >= wanted
     });
     found.or(values.last()).map_or(0.0, |v| v.0)
 }

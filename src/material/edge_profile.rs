@@ -47,6 +47,8 @@ pub struct Misfit {
     /// Beyond the noise inside of both materials: root mean square as a share of the contrast, of the median interface. Blur
     /// that is not Gaussian, streaks, clipped grey values.
     pub share: f64,
+    /// The same of an interface that nine in ten are better than: streaks and shadows are not everywhere.
+    pub worst: f64,
 }
 
 impl EdgeProfile {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::blur::Blur;
-use super::blur_axes::{Fitted, blur, weighted_median};
+use super::blur_axes::{Fitted, blur, weighted_quantile};
 use super::edge_fit::fit;
 use super::edge_patches::{Patches, REACH};
 use super::edge_profile::{EdgeProfile, Misfit};
@@ -95,6 +95,8 @@ impl<'a> Look<'a> {
     }
 }
 
+/// See [`Misfit::worst`].
+const WORST: f64 = 0.9;
 /// Fewest patches of a pair that tell something.
 const MIN_PATCHES: usize = 12;
 
@@ -114,7 +116,8 @@ fn misfits(fitted: &[Fitted], noise: &[Option<Noise>]) -> Vec<Misfit> {
     let told = beyond.into_iter().filter(|(_, patches)| patches.len() >= MIN_PATCHES);
     told.map(|(pair, found)| {
         let patches = found.len();
-        Misfit { pair, patches, share: weighted_median(found).max(0.0).sqrt() }
+        let [share, worst] = [0.5, WORST].map(|part| weighted_quantile(&found, part).max(0.0).sqrt());
+        Misfit { pair, patches, share, worst }
     })
     .collect()
 }
