@@ -16,7 +16,7 @@
 //! | report | [`report`] | -> `report.json`, pictures |
 //!
 //! [`extract`] in [`pipeline`] does the first five; it reads as the recipe. [`phantom`] makes test
-//! volumes with exact truth and compares meshes with it. [`execution`] carries progress and
+//! volumes with exact truth and compares meshes with it; [`inspect`] compares a mesh with its own scan. [`execution`] carries progress and
 //! cancellation. Everything runs on the current rayon pool; no result depends on its size.
 //!
 //! ```
@@ -53,6 +53,7 @@ pub mod contour;
 pub mod execution;
 pub mod export;
 pub mod grid;
+pub mod inspect;
 pub mod locate;
 pub mod material;
 pub mod mesh;

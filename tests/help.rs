@@ -25,7 +25,7 @@ fn help_of_extract() {
 
 #[test]
 fn every_command_shows_examples_that_it_accepts_by_name() {
-    for command in ["extract", "info", "check", "phantom", "compare", "render"] {
+    for command in ["extract", "info", "check", "phantom", "compare", "residual", "render"] {
         let text = help(&[command]);
         let examples = text.split("Examples:\n").nth(1).unwrap_or_else(|| panic!("{command}: {text}"));
         let of_it = examples.lines().filter(|line| line.starts_with(&format!("  interfacet {command} ")));

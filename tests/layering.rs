@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 /// From the top (used by all) to the bottom (uses all). A file alone is a layer of its own.
-const LAYERS: [&str; 14] = [
+const LAYERS: [&str; 15] = [
     "execution",
     "grid",
     "triangle",
@@ -16,6 +16,7 @@ const LAYERS: [&str; 14] = [
     "mesh",
     "export",
     "phantom",
+    "inspect",
     "pipeline",
     "report",
     "cli",

@@ -32,6 +32,12 @@ def our_program(given):
     return ROOT / "target" / "release" / "interfacet"
 
 
+def our_example(name):
+    """One of our examples, as `cargo build --release` makes it."""
+    subprocess.run(["cargo", "build", "--release", "--example", name], cwd=ROOT, check=True)
+    return ROOT / "target" / "release" / "examples" / name
+
+
 def our_bench(given, name):
     """One of our bench binaries: `given`, or as `cargo bench` builds it."""
     if given:

@@ -10,6 +10,7 @@ mod interrupt;
 mod phantom;
 mod progress;
 mod render;
+mod residual;
 mod summary;
 
 use std::process::ExitCode;
@@ -49,6 +50,8 @@ enum Command {
     Phantom(phantom::Args),
     /// Measure a mesh against the exact geometry of a phantom.
     Compare(compare::Args),
+    /// Compare a mesh, blurred as the scan is, with the scan's grey values.
+    Residual(Box<residual::Args>),
     /// Draw a mesh, or a slice of a volume with the mesh's outline, to a PNG picture.
     Render(render::Args),
 }
@@ -85,6 +88,7 @@ impl Cli {
             Command::Check(args) => check::run(&args, execution),
             Command::Phantom(args) => phantom::run(&args, execution),
             Command::Compare(args) => compare::run(&args, execution),
+            Command::Residual(args) => residual::run(&args, execution),
             Command::Render(args) => render::run(&args, execution),
         }
     }

@@ -15,7 +15,6 @@ mod corners;
 mod curve;
 #[cfg(test)]
 mod image_tests;
-mod kernel;
 mod noise;
 mod objects;
 mod options;

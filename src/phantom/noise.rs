@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::Phantom;
-use super::kernel::{Kernel, Window, reduce};
+use crate::volume::kernel::{Kernel, Window, reduce};
 
 /// The noise of a phantom, slice by slice in ascending order.
 pub(super) struct NoiseField {

@@ -17,10 +17,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::kernel::{Kernel, Window, reduce};
 use super::noise::NoiseField;
 use super::{Phantom, PhantomError};
 use crate::execution::Execution;
+use crate::volume::kernel::{Kernel, Window, reduce};
 use crate::volume::{SampleType, Samples};
 
 /// Coarse slices finished per round: enough work for many threads, little memory.

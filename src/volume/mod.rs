@@ -16,6 +16,7 @@ mod denoise;
 mod error;
 mod finite;
 mod header;
+pub(crate) mod kernel;
 mod metaimage;
 mod nrrd;
 mod open;

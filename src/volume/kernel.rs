@@ -1,4 +1,5 @@
-//! A Gaussian and the average over coarser voxels as one separable kernel, applied slice by slice.
+//! A Gaussian and the average over coarser voxels as one separable kernel, applied slice by slice: what a scan makes
+//! of an object sampled on a fine grid.
 
 use std::collections::VecDeque;
 
@@ -9,15 +10,15 @@ const CUTOFF: f64 = 4.5;
 
 /// Gaussian and box as one kernel: voxel i is the sum of `weights[k] * fine[factor * i + k]`, where the fine
 /// grid starts `reach` fine voxels before the first voxel.
-pub(super) struct Kernel {
+pub(crate) struct Kernel {
     weights: Vec<f32>,
-    pub(super) reach: usize,
+    pub(crate) reach: usize,
     factor: usize,
 }
 
 impl Kernel {
     /// `sigma` in fine voxels, `factor` fine voxels along a voxel.
-    pub(super) fn new(sigma: f64, factor: usize) -> Self {
+    pub(crate) fn new(sigma: f64, factor: usize) -> Self {
         let reach = (CUTOFF * sigma).ceil() as usize;
         let gauss: Vec<f64> = (0..=2 * reach)
             .map(|k| {
@@ -36,18 +37,18 @@ impl Kernel {
     }
 
     /// Fine voxels needed for `n` voxels.
-    pub(super) fn needed(&self, n: usize) -> usize {
+    pub(crate) fn needed(&self, n: usize) -> usize {
         self.factor * n + 2 * self.reach
     }
 
     /// By what the standard deviation of white noise shrinks along this axis.
-    pub(super) fn gain(&self) -> f64 {
+    pub(crate) fn gain(&self) -> f64 {
         self.weights.iter().map(|w| f64::from(*w) * f64::from(*w)).sum::<f64>().sqrt()
     }
 }
 
 /// A fine slice, `needed` voxels wide and high, reduced in x and y to `size`.
-pub(super) fn reduce(fine: &[f32], size: [usize; 2], kernels: &[Kernel; 3]) -> Vec<f32> {
+pub(crate) fn reduce(fine: &[f32], size: [usize; 2], kernels: &[Kernel; 3]) -> Vec<f32> {
     let (width, height) = (kernels[0].needed(size[0]), kernels[1].needed(size[1]));
     let mut rows = vec![0.0_f32; size[0] * height];
     let k = &kernels[0];
@@ -74,7 +75,7 @@ pub(super) fn reduce(fine: &[f32], size: [usize; 2], kernels: &[Kernel; 3]) -> V
 
 /// Reduced slices of the fine grid, kept only while slices of the volume still need them.
 #[derive(Default)]
-pub(super) struct Window {
+pub(crate) struct Window {
     slices: VecDeque<Vec<f32>>,
     /// Index of the first one in the fine grid.
     first: usize,
@@ -82,7 +83,7 @@ pub(super) struct Window {
 
 impl Window {
     /// Makes what slices before `end` of the volume need, by `make(index)` of the fine slice.
-    pub(super) fn fill(
+    pub(crate) fn fill(
         &mut self,
         end: usize,
         kernel: &Kernel,
@@ -94,7 +95,7 @@ impl Window {
     }
 
     /// Slice `z` of the volume, of `plane` voxels.
-    pub(super) fn slice(&self, z: usize, kernel: &Kernel, plane: usize) -> Vec<f32> {
+    pub(crate) fn slice(&self, z: usize, kernel: &Kernel, plane: usize) -> Vec<f32> {
         let mut out = vec![0.0_f32; plane];
         for (k, weight) in kernel.weights.iter().enumerate() {
             add_scaled(&mut out, &self.slices[kernel.factor * z + k - self.first], *weight);
@@ -103,7 +104,7 @@ impl Window {
     }
 
     /// Drops what slices from `end` on do not need.
-    pub(super) fn drop_before(&mut self, end: usize, kernel: &Kernel) {
+    pub(crate) fn drop_before(&mut self, end: usize, kernel: &Kernel) {
         let drop = (kernel.factor * end - self.first).min(self.slices.len());
         self.slices.drain(..drop);
         self.first += drop;
