@@ -145,9 +145,13 @@ impl BitPlanes {
     #[must_use]
     #[inline]
     pub fn code(&self, x: usize, y: usize, z: usize) -> u8 {
-        let words = self.data[self.start(0, y, z) + x / WORD..].iter().step_by(self.padded[1] * self.words);
-        let bits = words.take(self.count).map(|word| (word >> (x % WORD) & 1) as u8);
-        bits.enumerate().fold(0, |code, (p, bit)| code | bit << p)
+        // A plain loop: this is asked for every voxel of every ball.
+        let (first, shift, stride) = (self.start(0, y, z) + x / WORD, x % WORD, self.padded[1] * self.words);
+        let mut code = 0;
+        for plane in 0..self.count {
+            code |= ((self.data[first + plane * stride] >> shift & 1) as u8) << plane;
+        }
+        code
     }
 
     /// The bits of two neighbouring lattice points x and x + 1 of a row.

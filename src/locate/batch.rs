@@ -20,6 +20,7 @@ pub(super) type Row = [f32; BATCH];
 #[derive(Debug, Default)]
 pub(super) struct Batches {
     batches: Vec<Batch>,
+    voxels: usize,
 }
 
 /// Voxels of a batch.
@@ -45,7 +46,17 @@ impl Batches {
                 counts: std::array::from_fn(|i| if i < chunk.len() { 1.0 } else { 0.0 }),
             }
         });
-        Self { batches: batches.collect() }
+        Self { batches: batches.collect(), voxels: samples.len() }
+    }
+
+    /// How many voxels there are, without padding.
+    pub(super) fn voxels(&self) -> usize {
+        self.voxels
+    }
+
+    /// The batches.
+    pub(super) fn all(&self) -> &[Batch] {
+        &self.batches
     }
 
     /// The first batch.
@@ -153,8 +164,9 @@ impl<const N: usize> Sums<N> {
     }
 }
 
+/// Adds products to the lanes of a sum.
 #[inline(always)]
-fn multiply(a: &Row, b: &Row, sum: &mut [f32; LANES]) {
+pub(super) fn multiply(a: &Row, b: &Row, sum: &mut [f32; LANES]) {
     for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
         for lane in 0..LANES {
             sum[lane] += a[lane] * b[lane];

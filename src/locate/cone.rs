@@ -12,11 +12,12 @@
 use glam::{DMat3, DVec3};
 use nalgebra::{Matrix3, SVector};
 
+use super::batch::{BATCH, Batch, Batches, Row, Rows, Sums, assemble, dot};
 use super::corner::principal_sigmas;
 use super::frame::basis;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
-use super::orthant::Planes;
-use super::sheet::{LevelPrior, Sample};
+use super::orthant::{Distances, Planes, ZERO};
+use super::sheet::{LevelPrior, Reading, Sample};
 
 /// Parameters of four cones.
 pub(super) const CONE: usize = 16;
@@ -184,9 +185,9 @@ impl Cone {
     /// The grey value at a point, blurred. `None` for impossible cones.
     #[cfg(test)]
     pub(super) fn blurred(&self, at: DVec3) -> Option<f64> {
-        let seen = Seen::new(self)?;
-        let shares = seen.shares(at - self.apex);
-        Some((0..4).map(|m| self.levels[m] * shares[m]).sum())
+        let known = Known::new(self, &[[DVec3::ZERO; 2]; 4])?;
+        let (_, seen) = known.see(Batches::new(&[Sample { at, grey: 0.0 }]).first());
+        Some(f64::from(known.values(&seen).1[0]))
     }
 
     /// Fits to samples from here. `None` if the cones are impossible, or no step is possible.
@@ -195,7 +196,8 @@ impl Cone {
         if !self.is_possible() {
             return None;
         }
-        let model = Blurred { samples, frames: self.rays.map(basis), weight: 1.0 / prior.noise };
+        let batches = &Batches::new(samples);
+        let model = Blurred { samples: batches, frames: self.rays.map(basis), noise: prior.noise };
         let mut problem = Problem {
             active: [true; CONE],
             prior: [(0.0, f64::INFINITY); CONE],
@@ -267,56 +269,165 @@ impl ConeFit {
     }
 }
 
-/// One cone made ready for many voxels.
+/// One cone made ready for many voxels: its material, the normals of its sheets with twice signed lengths before
+/// normalising, and their shares.
 struct One {
     material: usize,
-    faces: [(DVec3, f64); 3],
+    normals: [[f32; 3]; 3],
+    lengths: [f32; 3],
     planes: Planes,
 }
 
-/// Four cones made ready: three, and the rest.
-struct Seen {
+/// Four cones as every voxel needs them: three, and the rest.
+struct Known {
+    apex: [f32; 3],
     cones: [One; 3],
     rest: usize,
-    shrink: f64,
+    shrink: f32,
+    levels: [f32; 4],
+    rays: [[f32; 3]; 4],
+    /// Derivatives of the rays by their tilts.
+    tangents: [[[f32; 3]; 2]; 4],
 }
 
 /// Only the share of all three planes counts.
 const ALL: [bool; 8] = [false, false, false, false, false, false, false, true];
-const WEIGHT: [f64; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+const WEIGHT: [f32; 8] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
-impl Seen {
-    fn new(cone: &Cone) -> Option<Self> {
+impl Known {
+    fn new(cone: &Cone, tangents: &[[DVec3; 2]; 4]) -> Option<Self> {
+        let vector = |v: DVec3| v.as_vec3().to_array();
         let (_, rest) = cone.balance()?;
         let one = |k: usize| {
             let material = around(rest)[k];
             let faces = faces(&cone.rays, material)?;
             let [a, b, c] = faces.map(|f| f.0);
-            Some(One { material, faces, planes: Planes::new([b.dot(c), c.dot(a), a.dot(b)], ALL) })
+            let planes = Planes::new([b.dot(c), c.dot(a), a.dot(b)], ALL);
+            let (normals, lengths) = (faces.map(|f| vector(f.0)), faces.map(|f| f.1 as f32));
+            Some(One { material, normals, lengths, planes })
         };
-        Some(Self { cones: [one(0)?, one(1)?, one(2)?], rest, shrink: libm::exp(-cone.log_sigma) })
+        Some(Self {
+            apex: vector(cone.apex),
+            cones: [one(0)?, one(1)?, one(2)?],
+            rest,
+            shrink: libm::exp(-cone.log_sigma) as f32,
+            levels: cone.levels.map(|l| l as f32),
+            rays: cone.rays.map(vector),
+            tangents: tangents.map(|t| t.map(vector)),
+        })
     }
 
-    /// Share of each cone at a place from the apex.
-    #[inline]
-    fn shares(&self, r: DVec3) -> [f64; 4] {
-        let mut out = [0.0; 4];
-        let mut rest = 1.0;
-        for c in &self.cones {
-            let share = c.planes.shares(c.faces.map(|(n, _)| n.dot(r) * self.shrink))[7];
-            out[c.material] = share;
-            rest -= share;
+    /// Places from the apex, and what is seen of each of the three cones: distances of its sheets, and its share.
+    #[inline(always)]
+    fn see(&self, batch: &Batch) -> ([Row; 3], [(Distances, Row); 3]) {
+        let mut r = batch.at;
+        for a in 0..3 {
+            for i in 0..BATCH {
+                r[a][i] -= self.apex[a];
+            }
         }
-        out[self.rest] = rest;
-        out
+        let [a, b, c] = &self.cones;
+        (r, [self.share(a, &r), self.share(b, &r), self.share(c, &r)])
+    }
+
+    #[inline(always)]
+    fn share(&self, one: &One, r: &[Row; 3]) -> (Distances, Row) {
+        let mut h = [ZERO; 3];
+        for p in 0..3 {
+            for i in 0..BATCH {
+                h[p][i] = dot(&one.normals[p], &[r[0][i], r[1][i], r[2][i]]) * self.shrink;
+            }
+        }
+        let h = Distances::new(h);
+        let share = one.planes.shares(&h)[7];
+        (h, share)
+    }
+
+    /// Share of each cone, and grey values.
+    #[inline(always)]
+    fn values(&self, seen: &[(Distances, Row); 3]) -> ([Row; 4], Row) {
+        let (mut shares, mut value, mut rest) = ([ZERO; 4], ZERO, [1.0; BATCH]);
+        for k in 0..3 {
+            for i in 0..BATCH {
+                rest[i] -= seen[k].1[i];
+            }
+            shares[self.cones[k].material] = seen[k].1;
+        }
+        shares[self.rest] = rest;
+        for m in 0..4 {
+            for i in 0..BATCH {
+                value[i] += self.levels[m] * shares[m][i];
+            }
+        }
+        (shares, value)
     }
 }
 
+impl Rows<CONE> for Known {
+    #[inline(always)]
+    fn add(&self, batch: &Batch, reading: &Reading, sums: &mut Sums<CONE>) {
+        let (r, seen) = self.see(batch);
+        let (shares, value) = self.values(&seen);
+        let [residuals, weights] = batch.residuals(reading, &value);
+        let mut rows = [ZERO; CONE];
+        let mut turn = [[ZERO; 3]; 4];
+        for (c, (h, _)) in self.cones.iter().zip(&seen) {
+            let jump = self.levels[c.material] - self.levels[self.rest];
+            let [by_h, by_rho] = c.planes.slopes(h, &WEIGHT);
+            let (n, rays) = (&c.normals, around(c.material));
+            for p in 0..3 {
+                let [j, k] = [(p + 1) % 3, (p + 2) % 3];
+                let (first, second) = (&self.rays[rays[j]], &self.rays[rays[k]]);
+                let per_length = 1.0 / c.lengths[p];
+                for i in 0..BATCH {
+                    let across = by_h[p][i] * jump * weights[i];
+                    let (flux, with_j, with_k) = (
+                        across * self.shrink,
+                        by_rho[k][i] * jump * weights[i],
+                        by_rho[j][i] * jump * weights[i],
+                    );
+                    rows[SIGMA][i] -= across * h.h[p][i];
+                    // Derivative by the normal, then by the product of rays that it comes from.
+                    let mut g = [0.0; 3];
+                    for a in 0..3 {
+                        rows[a][i] -= n[p][a] * flux;
+                        g[a] = r[a][i] * flux + n[j][a] * with_j + n[k][a] * with_k;
+                    }
+                    let along = dot(&n[p], &g);
+                    for a in 0..3 {
+                        g[a] = (g[a] - n[p][a] * along) * per_length;
+                    }
+                    let (by_first, by_second) = (cross(second, &g), cross(&g, first));
+                    for a in 0..3 {
+                        turn[rays[j]][a][i] += by_first[a];
+                        turn[rays[k]][a][i] += by_second[a];
+                    }
+                }
+            }
+        }
+        for m in 0..4 {
+            for i in 0..BATCH {
+                let by = [turn[m][0][i], turn[m][1][i], turn[m][2][i]];
+                rows[TILT + 2 * m][i] = dot(&self.tangents[m][0], &by);
+                rows[TILT + 2 * m + 1][i] = dot(&self.tangents[m][1], &by);
+                rows[LEVEL + m][i] = weights[i] * shares[m][i];
+            }
+        }
+        sums.add(&rows, &residuals);
+    }
+}
+
+/// Vector product.
+#[inline(always)]
+fn cross(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
 struct Blurred<'a> {
-    samples: &'a [Sample],
+    samples: &'a Batches,
     /// Two tangents and each ray at the start.
     frames: [[DVec3; 3]; 4],
-    weight: f64,
+    noise: f64,
 }
 
 impl Blurred<'_> {
@@ -335,69 +446,14 @@ impl Blurred<'_> {
         let levels = std::array::from_fn(|m| x[LEVEL + m]);
         (Cone { apex, rays, levels, log_sigma: x[SIGMA] }, tangents)
     }
-
-    /// The prediction at a place and its derivatives.
-    #[inline]
-    fn row(&self, cone: &Cone, seen: &Seen, tangents: &[[DVec3; 2]; 4], at: DVec3) -> (f64, [f64; CONE]) {
-        let r = at - cone.apex;
-        let shares = seen.shares(r);
-        let mut row = [0.0; CONE];
-        let mut pull = DVec3::ZERO;
-        let mut turn = [DVec3::ZERO; 4];
-        for c in &seen.cones {
-            let jump = cone.levels[c.material] - cone.levels[seen.rest];
-            let n = c.faces.map(|f| f.0);
-            let h = n.map(|n| n.dot(r) * seen.shrink);
-            let (by_h, by_rho) = c.planes.slopes(h, &WEIGHT);
-            pull += (n[0] * by_h[0] + n[1] * by_h[1] + n[2] * by_h[2]) * (-seen.shrink * jump);
-            row[SIGMA] -= jump * (by_h[0] * h[0] + by_h[1] * h[1] + by_h[2] * h[2]);
-            let rays = around(c.material);
-            for i in 0..3 {
-                let [j, k] = [(i + 1) % 3, (i + 2) % 3];
-                // Derivative by the normal, then by the product of rays that it comes from.
-                let g = (r * (by_h[i] * seen.shrink) + n[j] * by_rho[k] + n[k] * by_rho[j]) * jump;
-                let g = (g - n[i] * n[i].dot(g)) / c.faces[i].1;
-                turn[rays[j]] += cone.rays[rays[k]].cross(g);
-                turn[rays[k]] += g.cross(cone.rays[rays[j]]);
-            }
-        }
-        row[..3].copy_from_slice(&pull.to_array());
-        for i in 0..4 {
-            for t in 0..2 {
-                row[TILT + 2 * i + t] = tangents[i][t].dot(turn[i]);
-            }
-        }
-        row[LEVEL..SIGMA].copy_from_slice(&shares);
-        ((0..4).map(|m| cone.levels[m] * shares[m]).sum(), row)
-    }
 }
 
 impl Model<CONE> for Blurred<'_> {
     fn normal_equations(&self, x: &SVector<f64, CONE>, equations: &mut Normal<CONE>) -> f64 {
         let (cone, tangents) = self.cone(x);
-        let Some(seen) = Seen::new(&cone) else { return f64::INFINITY };
-        let mut chi2 = 0.0;
-        let mut sums = [[0.0; CONE]; CONE];
-        let mut right = [0.0; CONE];
-        for s in self.samples {
-            let (value, row) = self.row(&cone, &seen, &tangents, s.at);
-            let row = row.map(|v| v * self.weight);
-            let r = (value - s.grey) * self.weight;
-            chi2 += r * r;
-            for i in 0..CONE {
-                for j in 0..CONE {
-                    sums[i][j] += row[i] * row[j];
-                }
-                right[i] += row[i] * r;
-            }
-        }
-        for (i, sums) in sums.iter().enumerate() {
-            for (j, sum) in sums[..=i].iter().enumerate() {
-                equations.matrix[(i, j)] += sum;
-            }
-            equations.right[i] += right[i];
-        }
-        chi2
+        let Some(known) = Known::new(&cone, &tangents) else { return f64::INFINITY };
+        let reading = Reading::unclipped(self.noise);
+        assemble(&known, self.samples, &reading, equations)
     }
 
     fn is_possible(&self, x: &SVector<f64, CONE>) -> bool {

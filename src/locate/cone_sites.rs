@@ -19,7 +19,6 @@ use super::corner_site::{CornerSite, Shape};
 use super::corner_sites::{CELL, FARTHEST, FULL, LEVEL, MODEL, REACH, SIGMA, STILL, UNSURE, thinned};
 use super::flanks::FlatIndex;
 use super::frame::BlurUnits;
-use super::junction_sites::junction_places;
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
@@ -55,22 +54,19 @@ fn triple(site: &Site) -> Option<[MaterialId; 3]> {
     Some(out)
 }
 
-/// Fits points of four materials from fits of junction curves; those whose box begins in the slices `core`.
+/// Fits points of four materials from planes about `places` (of [`junctions_about`](super::corner_sites::junctions_about)) and
+/// from fits of junction curves; those whose box begins in the slices `core`.
 #[must_use]
 pub(super) fn cone_sites<S: volume::Sample>(
     view: &View<'_, S>,
     flats: &FlatIndex<'_>,
+    places: &[DVec3],
     junctions: &[Site],
     core: &Range<usize>,
 ) -> Vec<Site> {
     let reach = |units: f64| view.units.voxel(DVec3::splat(units)).z + CELL;
     let within = |reach: f64| (core.start as f64 - reach).max(0.0)..core.end as f64 + reach;
-    // Labels are there as far as a corner's ball reaches; fits of curves are known everywhere.
-    let seen = within(reach(REACH + FARTHEST));
-    let last = view.slab.size()[2] - 1;
-    let mut places = junction_places(view, seen.start as usize..(seen.end.ceil() as usize).min(last));
-    places.retain(|at| seen.contains(&at.z));
-    let places = thinned(places);
+    let places = thinned(places.to_vec());
     let mut starts: Vec<Start> =
         places.par_iter().flat_map_iter(|place| plates(view, flats, *place)).collect();
     let side = view.units.voxel(DVec3::splat(AROUND)).max_element();

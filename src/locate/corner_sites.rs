@@ -14,11 +14,12 @@ use std::ops::Range;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::batch::Batches;
 use super::corner::{Corner, CornerFit, LineKind, MATERIALS};
 use super::corner_fit::{Anchor, CornerPrior};
 use super::corner_planes::{Plane, planes_about};
 use super::corner_site::{CornerSite, Shape};
-use super::corner_starts::{Found, find, start};
+use super::corner_starts::{self, Found};
 use super::flanks::FlatIndex;
 use super::junction_sites::junction_places;
 use super::patches::Rough;
@@ -76,20 +77,35 @@ const SEEDS: f64 = 3.0;
 /// Fewest voxels with a label for its material to count.
 const FEWEST: usize = 3;
 
-/// Fits the corners whose start lies in a box that begins in the slices `core`.
+/// Labels are there as far as a corner's ball reaches from the slices `core`.
+fn seen_from<S: volume::Sample>(view: &View<'_, S>, core: &Range<usize>) -> Range<f64> {
+    let reach = view.units.voxel(DVec3::splat(REACH + FARTHEST)).z + CELL;
+    (core.start as f64 - reach).max(0.0)..core.end as f64 + reach
+}
+
+/// Where blocks have junction cells from which corners of the slices `core` may be found, voxels.
+#[must_use]
+pub(super) fn junctions_about<S: volume::Sample>(view: &View<'_, S>, core: &Range<usize>) -> Vec<DVec3> {
+    let slices = seen_from(view, core);
+    let last = view.slab.size()[2] - 1;
+    let mut places = junction_places(view, slices.start as usize..(slices.end.ceil() as usize).min(last));
+    places.retain(|at| slices.contains(&at.z));
+    places
+}
+
+/// Fits the corners whose start lies in a box that begins in the slices `core`; seeds are `junctions` (of
+/// [`junctions_about`]) and `rough`.
 #[must_use]
 pub(super) fn corner_sites<S: volume::Sample>(
     view: &View<'_, S>,
     flats: &FlatIndex<'_>,
+    junctions: &[DVec3],
     rough: &[Rough],
     core: &Range<usize>,
 ) -> Vec<Site> {
-    let reach = view.units.voxel(DVec3::splat(REACH + FARTHEST)).z + CELL;
-    let slices = (core.start as f64 - reach).max(0.0)..core.end as f64 + reach;
-    let last = view.slab.size()[2] - 1;
-    let mut seeds = junction_places(view, slices.start as usize..(slices.end.ceil() as usize).min(last));
-    seeds.extend(rough.iter().map(|r| r.at));
-    seeds.retain(|at| slices.contains(&at.z));
+    let slices = seen_from(view, core);
+    let mut seeds = junctions.to_vec();
+    seeds.extend(rough.iter().map(|r| r.at).filter(|at| slices.contains(&at.z)));
     let seeds = thinned(seeds);
     let mut starts: Vec<Start> = seeds.par_iter().flat_map_iter(|seed| starts(view, flats, *seed)).collect();
     starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
@@ -170,7 +186,7 @@ fn starts<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: DV
 
 /// What a corner is fitted with, about `middle`.
 struct Window {
-    samples: Vec<Sample>,
+    samples: Batches,
     /// Materials by the numbers that labels have here.
     materials: Vec<MaterialId>,
     labels: Vec<u8>,
@@ -229,11 +245,16 @@ impl Window {
         };
         let anchors = (0..3).flat_map(planes_of).collect();
         let planes = planes.map(|p| (p.point(), p.normal));
+        let samples = Batches::new(&samples);
         Some(Self { samples, materials, labels, reading, prior, anchors, planes, contrast })
     }
 
-    fn find(&self, anchors: &[Anchor]) -> Option<Found> {
-        find(&self.planes, &self.samples, &self.labels, anchors, &self.prior)
+    fn start(&self) -> Option<corner_starts::Start> {
+        corner_starts::Start::new(&self.planes, &self.samples, &self.labels, &self.prior)
+    }
+
+    fn find(&self, start: &corner_starts::Start, anchors: &[Anchor]) -> Option<Found> {
+        start.find(&self.samples, anchors, &self.prior, self.hopeless())
     }
 
     /// The places on planes that agree with a fit without them.
@@ -250,10 +271,9 @@ impl Window {
         self.anchors.iter().filter(agrees).copied().collect()
     }
 
-    /// Whether a fit leaves far more than a better start would explain.
-    fn is_hopeless(&self, fit: &CornerFit) -> bool {
-        fit.reduced() > HOPELESS
-            && fit.reduced().sqrt() * self.prior.noise > HOPELESS * RESIDUAL * self.contrast
+    /// Misfit per measurement that is far more than a better start would explain.
+    fn hopeless(&self) -> f64 {
+        HOPELESS.max((HOPELESS * RESIDUAL * self.contrast / self.prior.noise).powi(2))
     }
 
     /// Whether a fit may be taken.
@@ -284,14 +304,15 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, at: &Start)
         let planes = planes_about(view, flats, middle);
         let (three, _) = triples(&planes, REACH).into_iter().next()?;
         let window = Window::new(view, middle, three.map(|p| &planes[p]))?;
+        let start = window.start()?;
         // From the voxels alone, then with the patches that agree.
         let Some(before) = last else {
-            if !start(&window.planes, &window.samples, &window.labels, &window.prior)?.is_complete() {
+            if !start.is_complete() {
                 return None;
             }
-            let mut found = window.find(&[])?.fit;
+            let mut found = window.find(&start, &[])?.fit;
             let moved = found.corner.apex;
-            if moved.length() > FARTHEST || window.is_hopeless(&found) {
+            if moved.length() > FARTHEST || found.reduced() > window.hopeless() {
                 return None;
             }
             if moved.length() > STILL {
@@ -301,7 +322,7 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, at: &Start)
             last = Some(found);
             continue;
         };
-        let found = window.find(&window.agreeing(&before))?;
+        let found = window.find(&start, &window.agreeing(&before))?;
         if found.fit.corner.apex.length() > FARTHEST || !window.accepts(&found) {
             return None;
         }

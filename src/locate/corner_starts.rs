@@ -11,8 +11,11 @@
 use glam::{DMat3, DVec3};
 use nalgebra::{SMatrix, SVector};
 
+use super::batch::Batches;
 use super::corner::{Corner, CornerFit, MATERIALS};
-use super::corner_fit::{Anchor, CornerPrior, Seen};
+use super::corner_fit::{Anchor, CornerPrior};
+use super::corner_rows::{Survey, survey};
+#[cfg(test)]
 use super::sheet::Sample;
 
 /// Assignments of a round from each of two rankings, and rounds: those after the first try such that differ
@@ -22,8 +25,11 @@ const TRIES: usize = 10;
 /// misfit down to this share: a place that is no corner would be fitted again and again.
 const WORTH: f64 = 0.45;
 const ROUNDS: usize = 2;
-/// Iterations of a trial, and of the fit of the best one.
+/// Iterations of a trial, after how many it is given up if it leaves so many times what is hopeless, and of the fit of
+/// the best one.
 const TRIAL: usize = 14;
+const ROUGH: usize = 6;
+const LOST: f64 = 8.0;
 const FINAL: usize = 40;
 /// Misfit and strain per sample that leave nothing to explain: noise is known to some 15 %.
 const EXPLAINED: f64 = 1.3;
@@ -61,51 +67,7 @@ impl Found {
     }
 }
 
-/// Sums over voxels of products of the octants' shares among themselves and with the grey values.
-struct Sums {
-    square: SMatrix<f64, 8, 8>,
-    grey: SVector<f64, 8>,
-    total: f64,
-}
-
-/// Shares of the octants at a place, from those of subsets.
-pub(super) fn octants(mut shares: [f64; 8]) -> [f64; 8] {
-    for i in 0..3 {
-        for o in 0..8 {
-            if o & (1 << i) == 0 {
-                shares[o] -= shares[o | 1 << i];
-            }
-        }
-    }
-    shares.map(|s| s.max(0.0))
-}
-
-/// What each material's labels say for each octant, and the sums.
-fn survey(corner: &Corner, samples: &[Sample], labels: &[u8]) -> ([[f64; MATERIALS]; 8], Sums) {
-    let seen = Seen::complete(corner);
-    let mut votes = [[0.0; MATERIALS]; 8];
-    let mut sums = Sums { square: SMatrix::zeros(), grey: SVector::zeros(), total: 0.0 };
-    for (at, s) in samples.iter().enumerate() {
-        let shares = octants(seen.planes.shares(seen.distances(s.at - corner.apex)));
-        if let Some(&label) = labels.get(at) {
-            for (o, votes) in votes.iter_mut().enumerate() {
-                if let Some(vote) = votes.get_mut(usize::from(label)) {
-                    *vote += shares[o].powi(4);
-                }
-            }
-        }
-        for i in 0..8 {
-            for j in 0..8 {
-                sums.square[(i, j)] += shares[i] * shares[j];
-            }
-            sums.grey[i] += shares[i] * s.grey;
-        }
-        sums.total += s.grey * s.grey;
-    }
-    (votes, sums)
-}
-
-impl Sums {
+impl Survey {
     /// Misfit and strain of an assignment with its best levels, and these.
     fn misfit(&self, materials: &[u8; 8], prior: &CornerPrior) -> Option<(f64, [f64; MATERIALS])> {
         let weight = 1.0 / (prior.noise * prior.noise);
@@ -124,7 +86,8 @@ impl Sums {
         for i in 0..8 {
             let m = usize::from(materials[i]);
             for j in 0..8 {
-                matrix[(m, usize::from(materials[j]))] += self.square[(i, j)] * weight;
+                let product = self.square[i.max(j)][i.min(j)];
+                matrix[(m, usize::from(materials[j]))] += product * weight;
             }
             right[m] += self.grey[i] * weight;
         }
@@ -134,13 +97,8 @@ impl Sums {
 
     /// Assignments that differ from one in one octant or, with `pairs`, two: by turns the next by misfit, and the
     /// next by the votes that it goes against.
-    fn ranked(
-        &self,
-        materials: &[u8; 8],
-        votes: &[[f64; MATERIALS]; 8],
-        prior: &CornerPrior,
-        pairs: bool,
-    ) -> Vec<[u8; 8]> {
+    fn ranked(&self, materials: &[u8; 8], prior: &CornerPrior, pairs: bool) -> Vec<[u8; 8]> {
+        let votes = &self.votes;
         let present = prior.present();
         let mut all: Vec<(f64, f64, [u8; 8])> = Vec::new();
         // By how much a material has fewer votes in an octant, 0 to 1.
@@ -183,8 +141,8 @@ impl Sums {
 }
 
 /// By how much the misfit rises at least when one octant is given another material, planes held.
-fn margin(corner: &Corner, samples: &[Sample], prior: &CornerPrior) -> f64 {
-    let (_, sums) = survey(corner, samples, &[]);
+fn margin(corner: &Corner, samples: &Batches, prior: &CornerPrior) -> f64 {
+    let sums = survey(corner, samples, &[]);
     let Some((own, _)) = sums.misfit(&corner.materials, prior) else { return 0.0 };
     let mut least = f64::INFINITY;
     for i in 0..8 {
@@ -205,16 +163,17 @@ fn elect(votes: &[[f64; MATERIALS]; 8]) -> [u8; 8] {
 }
 
 /// Three rough planes with materials, and what else could be tried.
-struct Start {
+pub(super) struct Start {
     corner: Corner,
-    votes: [[f64; MATERIALS]; 8],
-    sums: Sums,
+    sums: Survey,
 }
 
 impl Start {
-    fn new(
+    /// From three planes, each given by a point and a normal, with materials by the labels of the samples: others than
+    /// those below [`MATERIALS`] do not count.
+    pub(super) fn new(
         planes: &[(DVec3, DVec3); 3],
-        samples: &[Sample],
+        samples: &Batches,
         labels: &[u8],
         prior: &CornerPrior,
     ) -> Option<Self> {
@@ -227,28 +186,10 @@ impl Start {
             log_sigma: 0.0,
             forms: prior.bends.map(|b| b.0),
         };
-        let (votes, sums) = survey(&corner, samples, labels);
-        corner.materials = elect(&votes);
-        Some(Self { corner, votes, sums })
+        let sums = survey(&corner, samples, labels);
+        corner.materials = elect(&sums.votes);
+        Some(Self { corner, sums })
     }
-
-    /// The same planes with other materials, near some.
-    fn near(&self, materials: &[u8; 8], prior: &CornerPrior, pairs: bool) -> impl Iterator<Item = Corner> {
-        let ranked = self.sums.ranked(materials, &self.votes, prior, pairs);
-        ranked.into_iter().map(|materials| Corner { materials, ..self.corner.clone() })
-    }
-}
-
-/// The corner of three planes, each given by a point and a normal, with materials by the labels of the samples:
-/// others than those below [`MATERIALS`] do not count.
-#[must_use]
-pub(super) fn start(
-    planes: &[(DVec3, DVec3); 3],
-    samples: &[Sample],
-    labels: &[u8],
-    prior: &CornerPrior,
-) -> Option<Corner> {
-    Some(Start::new(planes, samples, labels, prior)?.corner)
 }
 
 /// Misfit and strain.
@@ -264,64 +205,94 @@ fn is_believable(corner: &Corner, prior: &CornerPrior) -> bool {
         .all(|m| prior.levels[m].is_some_and(|l| (corner.levels[m] - l.mean).abs() < BELIEVABLE * l.sigma))
 }
 
-/// Fits from three rough planes and the materials that labels say, then from other materials until the grey values
-/// are explained, and returns the best fit.
-#[must_use]
+/// See [`Start::new`] and [`Start::find`].
+#[cfg(test)]
 pub(super) fn find(
     planes: &[(DVec3, DVec3); 3],
     samples: &[Sample],
     labels: &[u8],
     anchors: &[Anchor],
     prior: &CornerPrior,
+    hopeless: f64,
 ) -> Option<Found> {
-    let start = Start::new(planes, samples, labels, prior)?;
-    let mut best: Option<CornerFit> = None;
-    let measured = samples.len() + anchors.len();
-    let mut tried: Vec<[u8; 8]> = Vec::new();
-    let mut centre = start.corner.materials;
-    'rounds: for round in 0..ROUNDS {
-        let mut held: Option<Sums> = None;
-        for corner in std::iter::once(Corner { materials: centre, ..start.corner.clone() }).chain(start.near(
-            &centre,
-            prior,
-            round == 0,
-        )) {
-            let is_worth = |sums: &Sums| {
-                let value = |m: &[u8; 8]| sums.misfit(m, prior).map(|v| v.0);
-                value(&corner.materials).zip(value(&centre)).is_some_and(|(new, own)| new < WORTH * own)
-            };
-            if tried.contains(&corner.materials) {
-                continue;
+    let samples = &Batches::new(samples);
+    Start::new(planes, samples, labels, prior)?.find(samples, anchors, prior, hopeless)
+}
+
+impl Start {
+    /// Whether the materials that labels say make a corner.
+    pub(super) fn is_complete(&self) -> bool {
+        self.corner.is_complete()
+    }
+
+    /// Fits from here, then from other materials until the grey values are explained, and returns the best fit.
+    /// `None` where fits are far from leaving no more than `hopeless` in chi squared per measurement.
+    #[must_use]
+    pub(super) fn find(
+        &self,
+        samples: &Batches,
+        anchors: &[Anchor],
+        prior: &CornerPrior,
+        hopeless: f64,
+    ) -> Option<Found> {
+        let measured = (samples.voxels() + anchors.len()) as f64;
+        // In few steps, and on where they lead somewhere.
+        let trial = |corner: &Corner| {
+            let rough = corner.fit(samples, anchors, prior, ROUGH)?;
+            if rough.fit.converged || total(&rough) > LOST * hopeless * measured {
+                return Some(rough);
             }
-            if !tried.is_empty() && !is_worth(&start.sums) {
-                let from = best.as_ref().map_or(&start.corner, |fit| &fit.corner);
-                if !is_worth(held.get_or_insert_with(|| survey(from, samples, &[]).1)) {
+            rough.corner.fit(samples, anchors, prior, TRIAL - ROUGH)
+        };
+        let mut best: Option<CornerFit> = None;
+        let mut tried: Vec<[u8; 8]> = Vec::new();
+        let mut centre = self.corner.materials;
+        'rounds: for round in 0..ROUNDS {
+            let mut held: Option<Survey> = None;
+            // Others are ranked only once it is known that they are wanted.
+            let own = std::iter::once_with(|| vec![centre]);
+            let others = std::iter::once_with(|| self.sums.ranked(&centre, prior, round == 0));
+            for materials in own.chain(others).flatten() {
+                let is_worth = |sums: &Survey| {
+                    let value = |m: &[u8; 8]| sums.misfit(m, prior).map(|v| v.0);
+                    value(&materials).zip(value(&centre)).is_some_and(|(new, own)| new < WORTH * own)
+                };
+                if tried.contains(&materials) {
                     continue;
                 }
+                if !tried.is_empty() && !is_worth(&self.sums) {
+                    let from = best.as_ref().map_or(&self.corner, |fit| &fit.corner);
+                    if !is_worth(held.get_or_insert_with(|| survey(from, samples, &[]))) {
+                        continue;
+                    }
+                }
+                tried.push(materials);
+                let Some(fit) = trial(&Corner { materials, ..self.corner.clone() }) else { continue };
+                let value = total(&fit);
+                if !is_believable(&fit.corner, prior) || best.as_ref().is_some_and(|b| total(b) <= value) {
+                    continue;
+                }
+                let settled = value < EXPLAINED * measured
+                    || (fit.fit.converged && margin(&fit.corner, samples, prior) > SETTLED * value);
+                best = Some(fit);
+                if settled {
+                    break 'rounds;
+                }
             }
-            tried.push(corner.materials);
-            let Some(fit) = corner.fit(samples, anchors, prior, TRIAL) else { continue };
-            let value = total(&fit);
-            if !is_believable(&fit.corner, prior) || best.as_ref().is_some_and(|b| total(b) <= value) {
-                continue;
-            }
-            let settled = value < EXPLAINED * measured as f64
-                || (fit.fit.converged && margin(&fit.corner, samples, prior) > SETTLED * value);
-            best = Some(fit);
-            if settled {
-                break 'rounds;
+            match &best {
+                Some(b) if b.corner.materials != centre => centre = b.corner.materials,
+                _ => break,
             }
         }
-        match &best {
-            Some(b) if b.corner.materials != centre => centre = b.corner.materials,
-            _ => break,
+        let mut fit = best?;
+        if fit.reduced() > 2.0 * hopeless {
+            return None;
         }
+        // Bends are told in the frames of the start; and a trial may have been too short.
+        if !fit.fit.converged || fit.corner.forms != [DMat3::ZERO; 3] {
+            fit = fit.corner.fit(samples, anchors, prior, FINAL)?;
+        }
+        let margin = margin(&fit.corner, samples, prior);
+        Some(Found { fit, margin })
     }
-    let mut fit = best?;
-    // Bends are told in the frames of the start; and a trial may have been too short.
-    if !fit.fit.converged || fit.corner.forms != [DMat3::ZERO; 3] {
-        fit = fit.corner.fit(samples, anchors, prior, FINAL)?;
-    }
-    let margin = margin(&fit.corner, samples, prior);
-    Some(Found { fit, margin })
 }

@@ -189,7 +189,7 @@ fn run(case: &Case, percent: f64, how: &How, trials: usize) -> Tally {
         }
         let planes = truth.normals.map(|n| (DVec3::ZERO, tilted(n, degrees, &mut rng)));
         let begin = std::time::Instant::now();
-        let found = find(&planes, &samples, &labels, &anchors, &prior(noise * stated, &case.materials));
+        let found = find(&planes, &samples, &labels, &anchors, &prior(noise * stated, &case.materials), 20.0);
         tally.seconds += begin.elapsed().as_secs_f64();
         let Some(found) = found else {
             tally.none += 1;
@@ -302,7 +302,7 @@ fn bent_planes_do_not_move_the_apex() {
             let planes = n.map(|n| (DVec3::ZERO, tilted(n, 7.0, &mut rng)));
             let mut prior = prior(noise, &materials);
             let off = |prior: &CornerPrior| {
-                find(&planes, &samples, &labels, &[], prior)
+                find(&planes, &samples, &labels, &[], prior, 20.0)
                     .map_or(f64::INFINITY, |f| f.fit.corner.apex.length())
             };
             planar = planar.max(off(&prior));
@@ -338,7 +338,7 @@ fn what_is_no_corner() {
             let noise = 152.0;
             let (samples, labels) = window(|q| truth.blurred(q), &present, noise, 4.3, &mut rng);
             let planes = truth.normals.map(|n| (DVec3::ZERO, tilted(n, 10.0, &mut rng)));
-            let found = find(&planes, &samples, &labels, &[], &prior(noise, &materials));
+            let found = find(&planes, &samples, &labels, &[], &prior(noise, &materials), 20.0);
             // As where corners are looked for.
             let taken = found.as_ref().is_some_and(|f| {
                 f.is_sound(4.3)

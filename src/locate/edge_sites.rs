@@ -103,23 +103,23 @@ fn faces<'a, S: volume::Sample>(
         near.select_nth_unstable_by(NEAR, |a, b| a.1.total_cmp(&b.1));
         near.truncate(NEAR);
     }
+    // Near the seed, and the seed near both planes.
+    let near: Vec<(&Flat, f64)> = near
+        .into_iter()
+        .map(|(f, d)| (f, d + 2.0 * f.normal.dot(view.units.of(seed.at - f.at)).abs()))
+        .collect();
     let mut best: Option<(f64, [&Flat; 2])> = None;
     for (i, (a, da)) in near.iter().enumerate() {
         for (b, db) in &near[..i] {
             let cos = a.normal.dot(b.normal);
-            if cos > LEAST_TURN_COS {
+            let cost = da + db + 4.0 * cos;
+            if cos > LEAST_TURN_COS || cos < -0.95 || best.is_some_and(|(c, _)| cost >= c) {
                 continue;
             }
             // A curved face turns as well.
             let apart = view.units.of(a.at - b.at).length();
             let turned = 1.4 * a.curvature.max(b.curvature) * apart;
-            if cos < -0.95 || cos.clamp(-1.0, 1.0).acos() < LEAST_TURN + turned {
-                continue;
-            }
-            // Near the seed, and the seed near both planes.
-            let off = |f: &Flat| f.normal.dot(view.units.of(seed.at - f.at)).abs();
-            let cost = da + db + 2.0 * (off(a) + off(b)) + 4.0 * cos;
-            if best.is_none_or(|(c, _)| cost < c) {
+            if cos.clamp(-1.0, 1.0).acos() >= LEAST_TURN + turned {
                 best = Some((cost, [a, b]));
             }
         }

@@ -43,7 +43,7 @@ pub(super) fn noisy(samples: &[Sample], sigma: f64, seed: u64) -> Vec<Sample> {
 
 /// Grey values that are never clipped.
 pub(super) fn reading(noise: f64) -> Reading {
-    Reading { noise, clip: [f64::NEG_INFINITY, f64::INFINITY], slack: 1.0 }
+    Reading::unclipped(noise)
 }
 
 pub(super) fn density(x: f64) -> f64 {

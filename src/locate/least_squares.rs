@@ -1,9 +1,9 @@
 //! Levenberg-Marquardt for the local models: few parameters, hundreds of grey values.
 //!
 //! Models differ in how they evaluate a voxel; damping, priors, step limits and covariance are the same for all
-//! and stand here. The normal equations are solved by a Cholesky factorisation (nalgebra).
+//! and stand here. The normal equations are solved by a Cholesky factorisation of the rows that move: often a half of them.
 
-use nalgebra::{Const, SMatrix, SVector};
+use nalgebra::{SMatrix, SVector};
 
 /// A local model with `N` parameters.
 pub(super) trait Model<const N: usize> {
@@ -26,6 +26,19 @@ pub(super) struct Normal<const N: usize> {
     pub right: SVector<f64, N>,
     /// Which parameters move: nothing need be added for the others.
     pub active: [bool; N],
+}
+
+impl<const N: usize> Normal<N> {
+    /// Adds a measurement: its row of the Jacobian and its residual, in standard deviations.
+    #[inline]
+    pub(super) fn add(&mut self, row: &[f64; N], r: f64) {
+        for i in 0..N {
+            for j in 0..=i {
+                self.matrix[(i, j)] += row[i] * row[j];
+            }
+            self.right[i] += row[i] * r;
+        }
+    }
 }
 
 /// What a fit is told beside the model.
@@ -114,13 +127,11 @@ pub(super) fn minimise<const N: usize>(
             }
         }
     }
-    let inverse = equations.matrix.cholesky()?.inverse();
-    let covariance =
-        SMatrix::from_fn(|i, j| if problem.active[i] && problem.active[j] { inverse[(i, j)] } else { 0.0 });
+    let covariance = Factor::new(&equations.matrix, &problem.active, 0.0)?.inverse();
     Some(Fit { x, chi2, strain: strain(&x), covariance, converged })
 }
 
-/// The normal equations with priors; parameters that do not move have a row of the unit matrix.
+/// The normal equations with priors.
 fn assemble<const N: usize>(
     model: &impl Model<N>,
     problem: &Problem<N>,
@@ -135,21 +146,98 @@ fn assemble<const N: usize>(
                 equations.matrix[(i, i)] += 1.0 / (sigma * sigma);
                 equations.right[i] += (x[i] - mean) / (sigma * sigma);
             }
-        } else {
-            for j in 0..N {
-                equations.matrix[(i, j)] = 0.0;
-                equations.matrix[(j, i)] = 0.0;
-            }
-            equations.matrix[(i, i)] = 1.0;
-            equations.right[i] = 0.0;
-        }
-    }
-    for i in 0..N {
-        for j in 0..i {
-            equations.matrix[(j, i)] = equations.matrix[(i, j)];
         }
     }
     (chi2, equations)
+}
+
+/// The Cholesky factor of the rows and columns that move, its rows without gaps.
+struct Factor<const N: usize> {
+    rows: [[f64; N]; N],
+    /// Which row of the matrix each is, and how many there are.
+    of: [usize; N],
+    count: usize,
+}
+
+impl<const N: usize> Factor<N> {
+    /// Of a symmetric matrix (its lower triangle), the diagonal enlarged by the share `lambda`. `None` unless it is positive
+    /// definite.
+    fn new(matrix: &SMatrix<f64, N, N>, active: &[bool; N], lambda: f64) -> Option<Self> {
+        let (mut of, mut count) = ([0; N], 0);
+        for i in (0..N).filter(|&i| active[i]) {
+            of[count] = i;
+            count += 1;
+        }
+        let mut rows = [[0.0; N]; N];
+        for i in 0..count {
+            for j in 0..i {
+                rows[i][j] = matrix[(of[i], of[j])];
+            }
+            rows[i][i] = matrix[(of[i], of[i])] * (1.0 + lambda);
+        }
+        for k in 0..count {
+            if rows[k][k].is_nan() || rows[k][k] <= 0.0 {
+                return None;
+            }
+            let root = rows[k][k].sqrt();
+            rows[k][k] = root;
+            let mut column = [0.0; N];
+            for i in k + 1..count {
+                rows[i][k] /= root;
+                column[i] = rows[i][k];
+            }
+            for i in k + 1..count {
+                let factor = column[i];
+                for (entry, other) in rows[i][k + 1..=i].iter_mut().zip(&column[k + 1..=i]) {
+                    *entry -= factor * other;
+                }
+            }
+        }
+        Some(Self { rows, of, count })
+    }
+
+    /// Solves for a right side without gaps, whose entries before `first` are zero.
+    fn substitute(&self, x: &mut [f64; N], first: usize) {
+        for i in first..self.count {
+            let sum: f64 = (first..i).map(|j| self.rows[i][j] * x[j]).sum();
+            x[i] = (x[i] - sum) / self.rows[i][i];
+        }
+        for i in (0..self.count).rev() {
+            x[i] /= self.rows[i][i];
+            let value = x[i];
+            for (entry, factor) in x[..i].iter_mut().zip(&self.rows[i][..i]) {
+                *entry -= factor * value;
+            }
+        }
+    }
+
+    /// The solution for a right side; zero where nothing moves.
+    fn solve(&self, right: &SVector<f64, N>) -> SVector<f64, N> {
+        let mut x = [0.0; N];
+        for i in 0..self.count {
+            x[i] = right[self.of[i]];
+        }
+        self.substitute(&mut x, 0);
+        let mut out = SVector::zeros();
+        for i in 0..self.count {
+            out[self.of[i]] = x[i];
+        }
+        out
+    }
+
+    /// The inverse of the matrix; zero where nothing moves.
+    fn inverse(&self) -> SMatrix<f64, N, N> {
+        let mut out = SMatrix::zeros();
+        for k in 0..self.count {
+            let mut x = [0.0; N];
+            x[k] = 1.0;
+            self.substitute(&mut x, k);
+            for i in 0..self.count {
+                out[(self.of[i], self.of[k])] = x[i];
+            }
+        }
+        out
+    }
 }
 
 /// The damped Gauss-Newton step, shortened as a whole so that no parameter moves too far.
@@ -157,15 +245,8 @@ fn damped_step<const N: usize>(
     equations: &Normal<N>,
     problem: &Problem<N>,
     lambda: f64,
-) -> Option<SVector<f64, N>>
-where
-    Const<N>:,
-{
-    let mut matrix = equations.matrix;
-    for i in 0..N {
-        matrix[(i, i)] *= 1.0 + lambda;
-    }
-    let step = -matrix.cholesky()?.solve(&equations.right);
+) -> Option<SVector<f64, N>> {
+    let step = -Factor::new(&equations.matrix, &problem.active, lambda)?.solve(&equations.right);
     if !step.iter().all(|s| s.is_finite()) {
         return None;
     }

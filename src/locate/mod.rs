@@ -9,7 +9,7 @@
 //!
 //! - `gauss`, `frame`, `least_squares`: the normal distribution, blur units, Levenberg-Marquardt.
 //! - `batch`, `normal`: many voxels at a time, with SIMD instructions.
-//! - `sheet`, `wedge` (`wedge_rows`), `corner` with `corner_fit` and `orthant`, `cone`: the models.
+//! - `sheet`, `wedge` (`wedge_rows`), `corner` with `corner_fit` (`corner_rows`) and `orthant`, `cone`: the models.
 //! - `view`: what is fitted to. `patches`, `junction_sites`, `edge_sites`: where, from which start, and when a fit is
 //!   accepted; `flanks`: what patches tell wedges.
 //! - `corner_sites`, `cone_sites`: the same for corners; `corner_planes`: what patches tell them; `corner_starts`:
@@ -26,11 +26,14 @@
 mod ball_model;
 #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod batch;
+#[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod cone;
 mod cone_sites;
 mod corner;
 mod corner_fit;
 mod corner_planes;
+#[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
+mod corner_rows;
 mod corner_site;
 mod corner_sites;
 mod corner_starts;
@@ -48,6 +51,7 @@ mod hermite;
 mod junction_sites;
 mod least_squares;
 mod normal;
+#[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod orthant;
 mod passage;
 mod passes;

@@ -2,6 +2,8 @@
 
 #![allow(clippy::print_stdout)] // figures, with --nocapture
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use super::*;
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -65,12 +67,19 @@ fn correlations(n: [DVec3; 3]) -> [f64; 3] {
     [n[1].dot(n[2]), n[2].dot(n[0]), n[0].dot(n[1])]
 }
 
-#[test]
-fn exponentials_are_right() {
-    for i in 0..7000 {
-        let x = f64::from(i) * -0.01;
-        assert!((quick_exp(x) / libm::exp(x) - 1.0).abs() < 3e-10, "{x}");
-    }
+/// Distances of one voxel.
+fn alone(h: [f64; 3]) -> Distances {
+    Distances::new(h.map(|h| [h as f32; BATCH]))
+}
+
+/// Shares of one voxel.
+fn shares(rho: [f64; 3], h: [f64; 3]) -> [f64; 8] {
+    Planes::new(rho, [true; 8]).shares(&alone(h)).map(|row| f64::from(row[0]))
+}
+
+/// Two planes, the third at right angles to both and far away.
+fn bivariate(h: f64, k: f64, rho: f64) -> f64 {
+    shares([0.0, 0.0, rho], [h, k, 9.0])[3]
 }
 
 #[test]
@@ -90,42 +99,42 @@ fn two_planes_agree_with_integration_for_any_correlation() {
         println!("rho {rho:8}: {here:.1e}");
         worst = worst.max(here);
     }
-    assert!(worst < 1e-8, "{worst}");
+    assert!(worst < 5e-6, "{worst}");
 }
 
 #[test]
 fn closed_forms() {
     for rho in [-0.99, -0.6, 0.2, 0.8, 0.95] {
         let exact = 0.25 + libm::asin(rho) / TAU;
-        assert!((bivariate(0.0, 0.0, rho) - exact).abs() < 1e-8, "{rho}");
+        assert!((bivariate(0.0, 0.0, rho) - exact).abs() < 5e-6, "{rho}");
     }
-    assert!((bivariate(0.3, 0.7, 1.0) - cdf(0.3)).abs() < 1e-8);
-    assert!((bivariate(0.3, 0.7, -1.0) - (cdf(0.7) - cdf(-0.3))).abs() < 1e-8);
+    assert!((bivariate(0.3, 0.7, 1.0) - cdf(0.3)).abs() < 5e-6);
+    assert!((bivariate(0.3, 0.7, -1.0) - (cdf(0.7) - cdf(-0.3))).abs() < 5e-6);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..500 {
         let rho = correlations(normals(&mut rng, 0.2));
         let exact = 0.125 + rho.iter().map(|&r| libm::asin(r)).sum::<f64>() / (4.0 * PI);
-        let share = Planes::new(rho, [true; 8]).shares([0.0; 3])[7];
-        assert!((share - exact).abs() < 1e-6, "{rho:?}: {share} {exact}");
+        let share = shares(rho, [0.0; 3])[7];
+        assert!((share - exact).abs() < 1e-5, "{rho:?}: {share} {exact}");
     }
     let h = [0.4, -1.2, 2.0];
-    let share = Planes::new([0.0; 3], [true; 8]).shares(h)[7];
-    assert!((share - h.iter().map(|&h| cdf(h)).product::<f64>()).abs() < 1e-8);
+    let share = shares([0.0; 3], h)[7];
+    assert!((share - h.iter().map(|&h| cdf(h)).product::<f64>()).abs() < 5e-6);
     // One plane at right angles to two that are not.
-    let share = Planes::new([0.6, 0.0, 0.0], [true; 8]).shares(h)[7];
-    assert!((share - cdf(h[0]) * slow_two(h[1], h[2], 0.6)).abs() < 1e-8);
+    let share = shares([0.6, 0.0, 0.0], h)[7];
+    assert!((share - cdf(h[0]) * slow_two(h[1], h[2], 0.6)).abs() < 5e-6);
 }
 
 #[test]
 fn three_planes_agree_with_integration() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     for (least, below, tolerance) in [
-        (0.7, 1.1, 1e-8),
-        (0.5, 0.7, 1e-8),
-        (0.3, 0.5, 1e-8),
-        (0.2, 0.3, 3e-8),
-        (0.1, 0.2, 1e-7),
-        (0.05, 0.1, 1e-6),
+        (0.7, 1.1, 1e-5),
+        (0.5, 0.7, 1e-5),
+        (0.3, 0.5, 1e-5),
+        (0.2, 0.3, 1e-5),
+        (0.1, 0.2, 5e-5),
+        (0.05, 0.1, 5e-5),
     ] {
         let (mut worst, mut at) = (0.0f64, ([0.0; 3], [0.0; 3]));
         let mut done = 0;
@@ -136,11 +145,10 @@ fn three_planes_agree_with_integration() {
             }
             done += 1;
             let rho = correlations(n);
-            let planes = Planes::new(rho, [true; 8]);
             for _ in 0..3 {
                 let q = DVec3::from_array(std::array::from_fn(|_| rng.random_range(-2.5..2.5)));
                 let h = n.map(|n| n.dot(q));
-                let error = (planes.shares(h)[7] - slow_three(h, rho, 10)).abs();
+                let error = (shares(rho, h)[7] - slow_three(h, rho, 10)).abs();
                 if error > worst {
                     (worst, at) = (error, (h, rho));
                 }
@@ -162,12 +170,13 @@ fn slopes_are_those_of_the_shares() {
         let h = n.map(|n| n.dot(q));
         let weight: [f64; 8] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
         let value = |h: [f64; 3], rho: [f64; 3]| -> f64 {
-            let s = Planes::new(rho, [true; 8]).shares(h);
+            let s = shares(rho, h);
             (0..8).map(|i| weight[i] * s[i]).sum()
         };
-        let (by_h, by_rho) = Planes::new(rho, [true; 8]).slopes(h, &weight);
+        let slopes = Planes::new(rho, [true; 8]).slopes(&alone(h), &weight.map(|w| w as f32));
+        let [by_h, by_rho] = slopes.map(|by| by.map(|row| f64::from(row[0])));
         for i in 0..3 {
-            let step = 1e-3;
+            let step = 1e-2;
             let (mut up, mut down) = (h, h);
             up[i] += step;
             down[i] -= step;
@@ -185,5 +194,5 @@ fn slopes_are_those_of_the_shares() {
         }
     }
     println!("largest error of a slope {worst:.1e}");
-    assert!(worst < 2e-5, "{worst}");
+    assert!(worst < 1e-4, "{worst}");
 }

@@ -13,7 +13,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::cone_sites::cone_sites;
-use super::corner_sites::corner_sites;
+use super::corner_sites::{corner_sites, junctions_about};
 use super::edge_sites::edge_sites;
 use super::flanks::FlatIndex;
 use super::flat_starts;
@@ -121,8 +121,9 @@ pub fn find_curves<S: Sample>(
     found.extend(junction_sites(view, &flats, junctions.all(), core.clone()));
     let relabelled = Relabelled::new(view, junctions);
     let relabelled = relabelled.view(view);
-    found.extend(corner_sites(&relabelled, &flats, &sheets.rough, &core));
-    found.extend(cone_sites(&relabelled, &flats, junctions.all(), &core));
+    let places = junctions_about(&relabelled, &core);
+    found.extend(corner_sites(&relabelled, &flats, &places, &sheets.rough, &core));
+    found.extend(cone_sites(&relabelled, &flats, &places, junctions.all(), &core));
     found.extend(edge_sites(&relabelled, &flats, &sheets.rough, core));
     found
 }

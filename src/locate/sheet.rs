@@ -52,6 +52,14 @@ pub struct Reading {
     pub slack: f64,
 }
 
+impl Reading {
+    /// Of grey values without an end, with noise of this standard deviation alone.
+    #[must_use]
+    pub fn unclipped(noise: f64) -> Self {
+        Self { noise, clip: [f64::NEG_INFINITY, f64::INFINITY], slack: 1.0 }
+    }
+}
+
 /// A fitted sheet, in blur units about the window's middle.
 #[derive(Debug, Clone)]
 pub(super) struct Sheet {

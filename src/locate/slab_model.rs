@@ -15,10 +15,12 @@
 use glam::{DMat3, DVec3};
 use nalgebra::{SMatrix, SVector};
 
+use super::batch::{BATCH, Batch, Batches, Rows, Sums, assemble, dot};
 use super::frame::basis;
 use super::gauss::TABLES;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
-use super::sheet::{LevelPrior, Sample, Sheet};
+use super::normal::{bell, density, distribution};
+use super::sheet::{LevelPrior, Reading, Sample, Sheet};
 
 /// Parameters: height of the middle, two tilts, three curvatures, half the thickness, two tilts of the faces against the
 /// middle, levels before, within and after, logarithm of the blur in blur units.
@@ -45,60 +47,86 @@ pub(super) struct Slab {
 }
 
 struct TwoSteps<'a> {
-    samples: &'a [Sample],
+    samples: &'a Batches,
     origin: DVec3,
-    into: DMat3,
-    weight: f64,
+    axes: DMat3,
+    reading: Reading,
+}
+
+/// The parameters and the frame, as every voxel needs them.
+struct Known {
+    origin: [f32; 3],
+    axes: [[f32; 3]; 3],
+    x: [f32; PARAMETERS],
+    /// One over the factor on sigma.
+    sharper: f32,
+}
+
+impl Rows<PARAMETERS> for Known {
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
+    fn add(&self, batch: &Batch, reading: &Reading, sums: &mut Sums<PARAMETERS>) {
+        let zero = [0.0; BATCH];
+        let (mut rows, mut predicted) = ([zero; PARAMETERS], zero);
+        let (mut shares, mut slopes, mut wider) = ([zero; 2], [zero; 2], zero);
+        let (x, o, [a, b, c]) = (&self.x, &self.origin, &self.axes);
+        let steps = [x[WITHIN] - x[9], x[11] - x[WITHIN]];
+        for i in 0..BATCH {
+            let p = [batch.at[0][i] - o[0], batch.at[1][i] - o[1], batch.at[2][i] - o[2]];
+            let (u, v, w) = (dot(a, &p), dot(b, &p), dot(c, &p));
+            let bend = [x[3] * u + x[4] * v, x[4] * u + x[5] * v];
+            let (uu, vv) = (0.5 * (u * u + 1.0), 0.5 * (v * v + 1.0));
+            let bow = x[3] * uu + x[5] * vv + x[4] * u * v;
+            for k in 0..2 {
+                let side = if k == 0 { -1.0 } else { 1.0 };
+                let tilt = [x[1] + side * x[7], x[2] + side * x[8]];
+                let lean = [tilt[0] + bend[0], tilt[1] + bend[1]];
+                let scale = self.sharper / (1.0 + lean[0] * lean[0] + lean[1] * lean[1]).sqrt();
+                let off = w - (x[0] + side * x[6] + tilt[0] * u + tilt[1] * v + bow);
+                let d = off * scale;
+                let bell = bell(d);
+                shares[k][i] = distribution(d, bell);
+                slopes[k][i] = -steps[k] * density(bell) * scale;
+                // What a wider blur does to the height of curved faces is left out.
+                wider[i] += slopes[k][i] * off;
+            }
+            predicted[i] = x[9] + steps[0] * shares[0][i] + steps[1] * shares[1][i];
+            rows[1][i] = u;
+            rows[2][i] = v;
+            rows[3][i] = uu;
+            rows[4][i] = u * v;
+            rows[5][i] = vv;
+        }
+        let [residuals, weights] = batch.residuals(reading, &predicted);
+        for i in 0..BATCH {
+            let weight = weights[i];
+            let both = (slopes[0][i] + slopes[1][i]) * weight;
+            let apart = (slopes[1][i] - slopes[0][i]) * weight;
+            rows[0][i] = both;
+            rows[6][i] = apart;
+            rows[7][i] = apart * rows[1][i];
+            rows[8][i] = apart * rows[2][i];
+            for row in &mut rows[1..6] {
+                row[i] *= both;
+            }
+            rows[9][i] = (1.0 - shares[0][i]) * weight;
+            rows[WITHIN][i] = (shares[0][i] - shares[1][i]) * weight;
+            rows[11][i] = shares[1][i] * weight;
+            rows[BLUR][i] = wider[i] * weight;
+        }
+        sums.add(&rows, &residuals);
+    }
 }
 
 impl Model<PARAMETERS> for TwoSteps<'_> {
     fn normal_equations(&self, x: &SVector<f64, PARAMETERS>, equations: &mut Normal<PARAMETERS>) -> f64 {
-        let tables = &*TABLES;
-        let steps = [x[WITHIN] - x[9], x[11] - x[WITHIN]];
-        let sharper = libm::exp(-x[BLUR]);
-        let mut chi2 = 0.0;
-        for s in self.samples {
-            let q = self.into * (s.at - self.origin);
-            let (u, v) = (q.x, q.y);
-            let bend = [x[3] * u + x[4] * v, x[4] * u + x[5] * v];
-            let bow = 0.5 * (x[3] * (u * u + 1.0) + x[5] * (v * v + 1.0)) + x[4] * u * v;
-            let (mut share, mut slope, mut wider) = ([0.0; 2], [0.0; 2], 0.0);
-            for (k, side) in [-1.0, 1.0].into_iter().enumerate() {
-                let tilt = [x[1] + side * x[7], x[2] + side * x[8]];
-                let a = [tilt[0] + bend[0], tilt[1] + bend[1]];
-                let scale = sharper / (1.0 + a[0] * a[0] + a[1] * a[1]).sqrt();
-                let d = (q.z - (x[0] + side * x[6] + tilt[0] * u + tilt[1] * v + bow)) * scale;
-                share[k] = tables.distribution(d);
-                slope[k] = -steps[k] * tables.density(d) * scale * self.weight;
-                // What a wider blur does to the height of curved faces is left out.
-                wider += slope[k] * d / scale;
-            }
-            let r = (x[9] + steps[0] * share[0] + steps[1] * share[1] - s.grey) * self.weight;
-            chi2 += r * r;
-            let (both, apart) = (slope[0] + slope[1], slope[1] - slope[0]);
-            let row = [
-                both,
-                both * u,
-                both * v,
-                0.5 * both * (u * u + 1.0),
-                both * u * v,
-                0.5 * both * (v * v + 1.0),
-                apart,
-                apart * u,
-                apart * v,
-                (1.0 - share[0]) * self.weight,
-                (share[0] - share[1]) * self.weight,
-                share[1] * self.weight,
-                wider,
-            ];
-            for i in 0..PARAMETERS {
-                for j in 0..=i {
-                    equations.matrix[(i, j)] += row[i] * row[j];
-                }
-                equations.right[i] += row[i] * r;
-            }
-        }
-        chi2
+        let known = Known {
+            origin: self.origin.as_vec3().to_array(),
+            axes: self.axes.to_cols_array_2d().map(|axis| axis.map(|c| c as f32)),
+            x: std::array::from_fn(|i| x[i] as f32),
+            sharper: libm::exp(-x[BLUR]) as f32,
+        };
+        assemble(&known, self.samples, &self.reading, equations)
     }
 
     fn is_possible(&self, x: &SVector<f64, PARAMETERS>) -> bool {
@@ -158,9 +186,11 @@ pub(super) fn fit_blurred_slab(
     for (prior, level) in problem.prior[9..BLUR].iter_mut().zip(levels) {
         *prior = (level.mean, level.sigma);
     }
+    let samples = &Batches::new(samples);
+    let reading = Reading::unclipped(noise);
     for pass in 0..2 {
         let axes = DMat3::from_cols_array_2d(&basis(start.normal).map(|a| a.to_array()));
-        let model = TwoSteps { samples, origin: start.at, into: axes.transpose(), weight: 1.0 / noise };
+        let model = TwoSteps { samples, origin: start.at, axes, reading };
         let mut x = SVector::<f64, PARAMETERS>::zeros();
         x.as_mut_slice()[3..6].copy_from_slice(&curvature);
         x[6] = start.half;

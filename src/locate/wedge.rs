@@ -129,7 +129,7 @@ impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
         for flank in self.flanks {
             let (r, row) = self.lean(x, flank);
             chi2 += r * r;
-            add_row(equations, &row, r);
+            equations.add(&row, r);
         }
         chi2
     }
@@ -140,16 +140,6 @@ impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
             |i: usize| (x[Places::<R>::THETA + (i + 1) % R] - x[Places::<R>::THETA + i]).rem_euclid(TAU);
         let turn: f64 = (0..R).map(gap).sum();
         (0..R).all(|i| gap(i) >= NARROWEST) && (turn - TAU).abs() < 1e-6
-    }
-}
-
-#[inline]
-fn add_row<const N: usize>(equations: &mut Normal<N>, row: &[f64; N], r: f64) {
-    for i in 0..N {
-        for j in 0..=i {
-            equations.matrix[(i, j)] += row[i] * row[j];
-        }
-        equations.right[i] += row[i] * r;
     }
 }
 
