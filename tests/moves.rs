@@ -112,14 +112,14 @@ fn no_triangles_meet_whatever_is_wished_and_slabs_do_not_show() {
         let (wishes, moves) = granted(&volume, &rule, &geometry, usize::MAX);
         assert_eq!(granted(&volume, &rule, &geometry, 4).1, moves, "{seed}");
         wished += wishes;
-        some += moves.all().len();
         let plain = march(&volume, &rule, Border::Closed, &execution).unwrap();
         let moved = Wishful { wild: wild(), reach, moves: Some(&moves) };
         let patch = march(&volume, &moved, Border::Closed, &execution).unwrap();
         assert_sound(&patch, ids.len(), Border::Closed, &|| format!("{seed}"));
         assert_eq!(plain.triangles, patch.triangles);
         let places = patch.positions.iter().zip(&plain.positions).filter(|(a, b)| a != b).count();
-        assert_eq!(places, moves.all().len(), "{seed}");
+        assert!(places <= moves.all().len(), "{seed}");
+        some += places;
         let mut pieces: Vec<Piece> = Vec::new();
         march_pieces(&volume, &moved, Border::Closed, 0..size[2] + 1, 500, &execution, &mut |piece| {
             pieces.push(piece);
@@ -138,6 +138,6 @@ fn no_triangles_meet_whatever_is_wished_and_slabs_do_not_show() {
         let (before, after) = (met(plain), met(patch));
         assert!(after <= before, "{seed}: {after} pairs meet, {before} without moves");
     }
-    println!("{some} of {wished} wishes granted");
+    println!("{some} of {wished} wishes granted, at least in part");
     assert!(some > wished / 4, "{some} of {wished}");
 }

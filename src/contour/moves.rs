@@ -22,6 +22,13 @@ pub struct Wish {
     pub sigma: f32,
 }
 
+impl Wish {
+    /// Whether it is so near that it may be granted: less than one away along each axis.
+    pub(super) fn is_near(&self) -> bool {
+        (0..3).all(|a| (self.at[a] - self.safe[a]).abs() < 1.0)
+    }
+}
+
 /// A rule that knows where vertices should lie beyond their safe places. All are told in lattice units: the centre of voxel
 /// (x, y, z) is at (x, y, z). Points and cells are of the padded lattice. Must give the same answer whenever asked.
 pub trait Wishes: CrossingRule {
@@ -46,9 +53,9 @@ pub trait Wishes: CrossingRule {
 pub struct Move {
     /// The vertex.
     pub key: SeamKey,
-    /// Where it lies, lattice units.
+    /// Where it lies, lattice units: elsewhere than by construction, or there, but not where it should.
     pub at: [f32; 3],
-    /// Its standard deviation, voxels of mean edge length.
+    /// Its standard deviation, voxels of mean edge length: what is left of the way to where it should lie is part of it.
     pub sigma: f32,
 }
 

@@ -22,7 +22,7 @@ use crate::contour::pattern::{Apex, PatternTable};
 use crate::contour::piece::SeamKey;
 use crate::execution::Execution;
 use crate::grid::MaterialId;
-use crate::grid::cube::{CORNERS, EDGES, FACES, corner_offset, edge_axis, edge_corners, face_ring};
+use crate::grid::cube::{CORNERS, EDGES, FACES, edge_axis, edge_corners, face_ring};
 
 /// Cells on each side.
 const AROUND: usize = 2;
@@ -133,25 +133,29 @@ impl<W: Wishes> Gatherer<'_, W> {
         }
         let summary = self.table.packed().entry(entry);
         let mut any = false;
-        let mut ask = |key: SeamKey, safe: &dyn Fn() -> [f32; 3], wished: &dyn Fn([f32; 3]) -> Option<Node>| {
-            let wish = *found.wishes.entry(key).or_insert_with(|| {
-                let safe = safe();
-                let node = wished(safe)?;
-                let off = |a: usize| (node.at[a] - safe[a]).abs();
-                let farthest = (0..3).map(off).fold(0.0, f32::max);
-                (farthest > LEAST && farthest < 1.0).then_some(Wish { key, safe, at: node.at, sigma: node.sigma })
-            });
-            any |= wish.is_some();
-            wish.map(|wish| wish.at)
-        };
+        let mut ask =
+            |key: SeamKey, safe: &dyn Fn() -> [f32; 3], wished: &dyn Fn([f32; 3]) -> Option<Node>| {
+                let wish = *found.wishes.entry(key).or_insert_with(|| {
+                    let safe = safe();
+                    let node = wished(safe)?;
+                    let off = |a: usize| (node.at[a] - safe[a]).abs();
+                    let farthest = (0..3).map(off).fold(0.0, f32::max);
+                    (farthest > LEAST).then_some(Wish { key, safe, at: node.at, sigma: node.sigma })
+                });
+                let wish = wish.filter(Wish::is_near);
+                any |= wish.is_some();
+                wish.map(|wish| wish.at)
+            };
         if !summary.two_materials {
             for e in (0..EDGES).filter(|e| summary.crossings >> e & 1 == 1) {
                 let [p, q] = edge_corners(e);
                 let (from, axis) = (cell.corner(p), edge_axis(e));
                 let labels = [cell.labels[p], cell.labels[q]];
-                ask(SeamKey::new(SeamKey::EDGES[axis], from), &|| place(low, cell.crossing(self.rule, e)), &|_| {
-                    self.rule.crossing(from, axis, labels)
-                });
+                ask(
+                    SeamKey::new(SeamKey::EDGES[axis], from),
+                    &|| place(low, cell.crossing(self.rule, e)),
+                    &|_| self.rule.crossing(from, axis, labels),
+                );
             }
         }
         let mut nodes = [[0.0; 3]; FACES];
@@ -161,9 +165,11 @@ impl<W: Wishes> Gatherer<'_, W> {
             if summary.star_faces >> f & 1 == 1 {
                 let key = SeamKey::new(SeamKey::NODES[axis], from);
                 let safe = self.node(from, axis);
-                nodes[f] = ask(key, &|| safe, &|safe| Wishes::node(self.rule, from, axis, safe)).unwrap_or(safe);
+                nodes[f] =
+                    ask(key, &|| safe, &|safe| Wishes::node(self.rule, from, axis, safe)).unwrap_or(safe);
             } else if kinked >> f & 1 == 1 {
-                let safe = || kink_of(self.rule, from, axis).map_or([f32::NAN; 3], |kink| place(from, kink.at));
+                let safe =
+                    || kink_of(self.rule, from, axis).map_or([f32::NAN; 3], |kink| place(from, kink.at));
                 let key = SeamKey::new(SeamKey::KINKS[axis], from);
                 ask(key, &safe, &|_| Wishes::kink(self.rule, from, axis));
             }
@@ -180,7 +186,9 @@ impl<W: Wishes> Gatherer<'_, W> {
                         let count = faces.count_ones() as f32;
                         let own = (0..FACES).filter(|f| faces >> f & 1 == 1);
                         let sum = own.fold([0.0; 3], |s, f| [0, 1, 2].map(|a| s[a] + nodes[f][a]));
-                        ask(key, &|| place(low, safe[i].at), &|_| Wishes::apex(self.rule, low, sum.map(|s| s / count)))
+                        ask(key, &|| place(low, safe[i].at), &|_| {
+                            Wishes::apex(self.rule, low, sum.map(|s| s / count))
+                        })
                     }
                     Apex::Sheet { .. } => None,
                     Apex::Cap { main, .. } => {
