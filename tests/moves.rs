@@ -110,7 +110,12 @@ fn no_triangles_meet_whatever_is_wished_and_slabs_do_not_show() {
         let reach = [0.1, 0.4, 0.99][seed as usize % 3];
         let rule = Wishful { wild: wild(), reach, moves: None };
         let (wishes, moves) = granted(&volume, &rule, &geometry, usize::MAX);
-        assert_eq!(granted(&volume, &rule, &geometry, 4).1, moves, "{seed}");
+        // Unknown sigmas are the same by their bits.
+        let bits = |m: &Moves| {
+            let all = m.all().iter().map(|m| (m.key, m.at.map(f32::to_bits), m.sigma.to_bits()));
+            all.collect::<Vec<_>>()
+        };
+        assert!(bits(&granted(&volume, &rule, &geometry, 4).1) == bits(&moves), "{seed}");
         wished += wishes;
         let plain = march(&volume, &rule, Border::Closed, &execution).unwrap();
         let moved = Wishful { wild: wild(), reach, moves: Some(&moves) };
