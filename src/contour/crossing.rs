@@ -8,6 +8,7 @@
 //! here.
 
 use super::hermite::{PairQuality, Qualities};
+use super::moves::Moves;
 use crate::classify::BitPlanes;
 use crate::grid::MaterialId;
 use crate::material::MaterialTable;
@@ -91,6 +92,12 @@ pub trait CrossingRule: Sync {
     fn kink(&self, _low: [usize; 3], _axis: usize) -> Option<Node> {
         None
     }
+
+    /// Vertices that lie elsewhere than where they are safe by construction. Marching alone asks for them.
+    #[inline]
+    fn moves(&self) -> Option<&Moves> {
+        None
+    }
 }
 
 impl<R: CrossingRule + ?Sized> CrossingRule for &R {
@@ -130,6 +137,10 @@ impl<R: CrossingRule + ?Sized> CrossingRule for &R {
 
     fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
         (**self).kink(low, axis)
+    }
+
+    fn moves(&self) -> Option<&Moves> {
+        (**self).moves()
     }
 }
 

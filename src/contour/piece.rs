@@ -131,8 +131,8 @@ pub fn merge(pieces: impl IntoIterator<Item = Piece>) -> Result<Piece, ContourEr
     Ok(merged)
 }
 
-/// Integer key of a vertex on a plane of the padded lattice: its kind, and the lowest lattice point of
-/// its edge or face, z above y above x.
+/// Integer key of a vertex: its kind, and the lowest point of its edge, face or cell in the padded lattice, z above y
+/// above x. The first four kinds lie on a plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SeamKey(pub u64);
 
@@ -145,6 +145,26 @@ impl SeamKey {
     pub const Z_FACE: u64 = 2;
     /// A kink of a face across z.
     pub const Z_KINK: u64 = 3;
+    /// A crossing of an edge along z.
+    pub const Z_EDGE: u64 = 4;
+    /// A node of a face across x.
+    pub const X_FACE: u64 = 5;
+    /// A node of a face across y.
+    pub const Y_FACE: u64 = 6;
+    /// A kink of a face across x.
+    pub const X_KINK: u64 = 7;
+    /// A kink of a face across y.
+    pub const Y_KINK: u64 = 8;
+    /// The first apex of a cell; the next have the numbers behind it.
+    pub const APEX: u64 = 16;
+    /// The first tip of a cell; the next have the numbers behind it.
+    pub const TIP: u64 = 32;
+    /// Crossings of edges along each axis.
+    pub const EDGES: [u64; 3] = [Self::X_EDGE, Self::Y_EDGE, Self::Z_EDGE];
+    /// Nodes of faces across each axis.
+    pub const NODES: [u64; 3] = [Self::X_FACE, Self::Y_FACE, Self::Z_FACE];
+    /// Kinks of faces across each axis.
+    pub const KINKS: [u64; 3] = [Self::X_KINK, Self::Y_KINK, Self::Z_KINK];
     /// Bits of a coordinate: padded ones go up to 2^15 + 1.
     const BITS: u32 = 16;
 
@@ -174,6 +194,13 @@ impl fmt::Display for SeamKey {
             Self::Y_EDGE => "the y edge",
             Self::Z_FACE => "the z face",
             Self::Z_KINK => "the kink of the z face",
+            Self::Z_EDGE => "the z edge",
+            Self::X_FACE => "the x face",
+            Self::Y_FACE => "the y face",
+            Self::X_KINK => "the kink of the x face",
+            Self::Y_KINK => "the kink of the y face",
+            Self::APEX..Self::TIP => "the cell",
+            Self::TIP.. => "the tip of the cell",
             _ => "an unknown thing",
         };
         let [x, y, z] = self.low();

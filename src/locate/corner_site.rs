@@ -254,26 +254,44 @@ impl CornerSite {
         near: DVec3,
     ) -> Option<(DVec3, f64)> {
         let own = self.lines.iter().filter(|line| line.kind == kind);
-        let found = own.filter_map(|line| Some((line, self.meets(line, axis, target)?)));
+        let found = own.filter_map(|line| Some((line, self.meets(line, DVec3::AXES[axis], target)?)));
         let (line, at) =
             found.min_by(|a, b| a.1.distance_squared(near).total_cmp(&b.1.distance_squared(near)))?;
+        Some((at, self.line_sigma(line, at)))
+    }
+
+    /// The point of a curve of the asked kind that is nearest to a place, and the standard deviation there; all in blur units.
+    #[must_use]
+    pub(super) fn nearest_point(&self, kind: CurveKind, near: DVec3) -> Option<(DVec3, f64)> {
+        let own = self.lines.iter().filter(|line| line.kind == kind);
+        let r = near - self.apex();
+        let line = own.min_by(|a, b| self.beside(a, r, near).total_cmp(&self.beside(b, r, near)))?;
+        if line.direction.dot(r) <= 0.0 {
+            return Some((self.apex(), self.apex_sigma()));
+        }
+        let at = self.meets(line, line.direction, line.direction.dot(near))?;
+        Some((at, self.line_sigma(line, at)))
+    }
+
+    /// Standard deviation of a curve in its worst direction.
+    fn line_sigma(&self, line: &Line, at: DVec3) -> f64 {
         let normal = |[a, b]: [usize; 2]| match &self.shape {
             Shape::Planes(fit) => fit.corner.normals[a],
             Shape::Cones(fit) => fit.cone.normal(a, b),
         };
         let c = normal(line.sheets[0]).dot(normal(line.sheets[1]));
         let sigma = line.sheets.iter().map(|&sheet| self.sheet_sigma(sheet, at)).fold(0.0, f64::max);
-        Some((at, sigma / (1.0 - c.abs()).max(0.1).sqrt()))
+        sigma / (1.0 - c.abs()).max(0.1).sqrt()
     }
 
-    /// Where a half-line passes a plane.
-    fn meets(&self, line: &Line, axis: usize, target: f64) -> Option<DVec3> {
+    /// Where a half-line passes the plane of the points at `target` along a direction.
+    fn meets(&self, line: &Line, across: DVec3, target: f64) -> Option<DVec3> {
         let apex = self.apex();
-        let slope = line.direction[axis];
+        let slope = line.direction.dot(across);
         if slope.abs() < 0.05 {
             return None;
         }
-        let mut at = apex + line.direction * ((target - apex[axis]) / slope);
+        let mut at = apex + line.direction * ((target - apex.dot(across)) / slope);
         if at.distance(apex) > 2.0 * self.reach {
             return None;
         }
@@ -282,11 +300,11 @@ impl CornerSite {
             let [i, j] = line.sheets.map(|s| s[0]);
             for _ in 0..4 {
                 let normal = |k: usize| corner.normals[k] - corner.forms[k] * (at - apex);
-                let rows = DMat3::from_cols(normal(i), normal(j), DVec3::AXES[axis]).transpose();
+                let rows = DMat3::from_cols(normal(i), normal(j), across).transpose();
                 if rows.determinant().abs() < 0.02 {
                     return None;
                 }
-                let off = DVec3::new(corner.distance(i, at), corner.distance(j, at), at[axis] - target);
+                let off = DVec3::new(corner.distance(i, at), corner.distance(j, at), at.dot(across) - target);
                 at -= rows.inverse() * off;
             }
             if corner.distance(i, at).hypot(corner.distance(j, at)) > 1e-3 {

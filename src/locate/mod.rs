@@ -18,7 +18,7 @@
 //!   else; `thin_faces`: their patches; `thin_levels`: the levels of materials that are
 //!   nowhere thick.
 //! - `site`, `corner_site`, `sites`: what a wedge or a corner says nearby, and which one speaks for a place.
-//! - `specks`: what neighbouring sites leave between them. `passes`: the order of all this, in slabs. `rule`, `hermite`: what contouring asks.
+//! - `specks`: what neighbouring sites leave between them. `passes`: the order of all this, in slabs. `rule`, `hermite`, `wishes`: what contouring asks.
 //!
 //! Guaranteed: the same result for any slabs and threads. Every decision is local: a pass reads [`halo`] slices
 //! beyond its own. Where no model is accepted, the published rules stand.
@@ -70,6 +70,7 @@ mod view;
 mod wedge;
 #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod wedge_rows;
+mod wishes;
 
 pub use corner_site::CornerSite;
 pub use frame::BlurUnits;

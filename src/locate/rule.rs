@@ -7,7 +7,7 @@ use super::passage::Passage;
 use super::patches::Patches;
 use super::sites::{CurveKind, FARTHER, Sites};
 use crate::classify::BitPlanes;
-use crate::contour::{CROSSING_MARGIN, CrossingRule, Node};
+use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
 use crate::grid::MaterialId;
 
 /// A crossing found by a model may lie this far beyond its edge (in edge lengths) and is put to the edge's end;
@@ -34,6 +34,8 @@ pub struct Located<'a, C> {
     pub units: BlurUnits,
     /// By how much standard deviations are larger than for white noise.
     pub inflation: f64,
+    /// Wishes that were granted.
+    pub moves: Option<&'a Moves>,
 }
 
 /// A crossing by a model.
@@ -79,7 +81,7 @@ impl<C: CrossingRule> Located<'_, C> {
     }
 
     /// A standard deviation in blur units, as for white noise, in voxels as it is.
-    fn voxels(&self, sigma: f64) -> f64 {
+    pub(super) fn voxels(&self, sigma: f64) -> f64 {
         sigma * self.units.mean_voxels * self.inflation
     }
 
@@ -138,8 +140,9 @@ fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
 }
 
 impl<C: CrossingRule> Located<'_, C> {
-    /// Where a curve of the asked kind passes the face across `axis` with lowest padded corner `low`.
-    fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Node> {
+    /// Where a curve of the asked kind passes the plane of the face across `axis` with lowest padded corner `low`, in voxels,
+    /// and its standard deviation in voxels; `None` if far from the face.
+    pub(super) fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<(DVec3, f64)> {
         let mut corners = [low; 4];
         for (c, corner) in corners.iter_mut().enumerate() {
             corner[(axis + 1) % 3] += c & 1;
@@ -157,9 +160,15 @@ impl<C: CrossingRule> Located<'_, C> {
         if flat.min_element() < -ASIDE || flat.max_element() > 1.0 + ASIDE {
             return None;
         }
-        let mut at = offset.as_vec3().to_array();
+        Some((at, self.voxels(sigma)))
+    }
+
+    /// The same as a node.
+    fn pierced_node(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Node> {
+        let (at, sigma) = self.pierced(low, axis, kind)?;
+        let mut at = (at - DVec3::from(low.map(|c| c as f64 - 1.0))).as_vec3().to_array();
         at[axis] = 0.0;
-        Some(Node { at, sigma: self.voxels(sigma) as f32 })
+        Some(Node { at, sigma: sigma as f32 })
     }
 }
 
@@ -167,7 +176,7 @@ impl<C: CrossingRule> Located<'_, C> {
 /// labels say otherwise.
 const ASIDE: f64 = 0.25;
 /// A curve is followed so far along from the middle of its fit, blur units.
-const FAR: f64 = 4.5;
+pub(super) const FAR: f64 = 4.5;
 
 impl<C: CrossingRule> CrossingRule for Located<'_, C> {
     #[inline]
@@ -198,7 +207,7 @@ impl<C: CrossingRule> CrossingRule for Located<'_, C> {
     }
 
     fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        self.pierced(low, axis, CurveKind::Junction)
+        self.pierced_node(low, axis, CurveKind::Junction)
     }
 
     fn apex(&self, low: [usize; 3]) -> Option<Node> {
@@ -211,7 +220,11 @@ impl<C: CrossingRule> CrossingRule for Located<'_, C> {
         true
     }
 
+    fn moves(&self) -> Option<&Moves> {
+        self.moves
+    }
+
     fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        self.pierced(low, axis, CurveKind::Edge)
+        self.pierced_node(low, axis, CurveKind::Edge)
     }
 }

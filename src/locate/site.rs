@@ -127,6 +127,60 @@ impl Site {
             Some((self.middle + at / per_voxel, sigma))
         })
     }
+
+    /// The point of a curve of the asked kind that is nearest to `near`, in voxels, and its standard deviation in blur units;
+    /// `None` if it is farther than `reach` from where the fit is centred (a corner knows its own).
+    #[must_use]
+    pub fn nearest(
+        &self,
+        kind: CurveKind,
+        per_voxel: DVec3,
+        near: DVec3,
+        reach: f64,
+    ) -> Option<(DVec3, f64)> {
+        let at = (near - self.middle) * per_voxel;
+        let (at, sigma) = with_model!(self, fit => {
+            let (_, z) = fit.wedge.section(at);
+            (z.abs() <= reach).then(|| (fit.wedge.point(z), fit.apex_sigma(z)[1]))
+        }, corner => corner.nearest_point(kind, at))?;
+        Some((self.middle + at / per_voxel, sigma))
+    }
+
+    /// The point of the interface between two of its materials nearest to a place, where it is at least `margin` away from
+    /// the curve at which it ends, and its standard deviation; in blur units. `None` where there is no such interface, and
+    /// for corners.
+    #[must_use]
+    pub fn on_sheet(&self, pair: [MaterialId; 2], at: DVec3, margin: f64) -> Option<(DVec3, f64)> {
+        with_model!(self, fit => on_sheet(fit, &self.materials, pair, at, margin), _corner => None)
+    }
+}
+
+/// As [`Site::on_sheet`], of a wedge.
+fn on_sheet<const R: usize, const N: usize>(
+    fit: &WedgeFit<R, N>,
+    materials: &[MaterialId],
+    [a, b]: [MaterialId; 2],
+    at: DVec3,
+    margin: f64,
+) -> Option<(DVec3, f64)> {
+    let wedge = &fit.wedge;
+    let of_pair = |i: &usize| {
+        let found = [materials[(i + R - 1) % R], materials[*i]];
+        found == [a, b] || found == [b, a]
+    };
+    let (_, z) = wedge.section(at);
+    let found = (0..R).filter(of_pair).map(|i| {
+        let ray = wedge.rays(z)[i];
+        let (off, along, normal) = wedge.sheet(i, at);
+        // Behind the margin the nearest point is on it.
+        let mut on = if along < margin { wedge.point(z) + ray * margin } else { at - normal * off };
+        for _ in 0..3 {
+            let (off, _, normal) = wedge.sheet(i, on);
+            on -= normal * off;
+        }
+        (on, fit.sheet_sigma(i, on))
+    });
+    found.min_by(|x, y| x.0.distance_squared(at).total_cmp(&y.0.distance_squared(at)))
 }
 
 /// What a wedge says of the interface between two materials.

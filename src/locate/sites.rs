@@ -225,18 +225,29 @@ impl Sites {
         place: DVec3,
         reach: f64,
     ) -> Option<(DVec3, f64)> {
+        let answers = self.of_curves(kind, place).into_iter().flatten();
+        answers
+            .into_iter()
+            .find_map(|answer| answer.site.pierces(kind, plane, self.units.per_voxel, place, reach))
+    }
+
+    /// The point of a curve of a kind that is nearest to a place (voxels), and its standard deviation in blur units. Curves are
+    /// followed `reach` blur units from the middles of their fits.
+    #[must_use]
+    pub fn nearest(&self, kind: CurveKind, place: DVec3, reach: f64) -> Option<(DVec3, f64)> {
+        let answers = self.of_curves(kind, place).into_iter().flatten();
+        answers.into_iter().find_map(|answer| answer.site.nearest(kind, self.units.per_voxel, place, reach))
+    }
+
+    /// Who speaks for curves of a kind near a place (voxels), the better first.
+    fn of_curves(&self, kind: CurveKind, place: DVec3) -> [Option<Answer<'_>>; 2] {
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
         let is_corner = |site: &&Site| matches!(site.model, Model::Corner(_));
         let corner = self.best(self.in_box(key).filter(is_corner), place, FARTHER, Some(kind));
         let curve = self.best(self.in_box(key).filter(|site| !is_corner(site)), place, FARTHER, Some(kind));
         // Within a corner's ball its curves are all there are; beyond, those of other fits come first.
         let is_inside = |a: &Answer<'_>| self.units.of(a.site.at - place).length() <= CORNER;
-        let [first, second] =
-            if corner.is_some_and(|a| is_inside(&a)) { [corner, curve] } else { [curve, corner] };
-        [first, second]
-            .into_iter()
-            .flatten()
-            .find_map(|answer| answer.site.pierces(kind, plane, self.units.per_voxel, place, reach))
+        if corner.is_some_and(|a| is_inside(&a)) { [corner, curve] } else { [curve, corner] }
     }
 
     /// The corner for the cell whose lowest corner is `low` (voxels), and the standard deviation of its place in blur

@@ -8,7 +8,10 @@ use crate::classify::{KnownLabels, LabelStore, LabelVolume};
 use crate::contour::dual::{Bound, Builder, DualOptions, Statistics};
 use crate::contour::hermite::{GreyHermite, HALO, LabelHermite, PairQuality, Qualities};
 use crate::contour::marching::march_pieces;
-use crate::contour::{Border, CrossingRule, Level, Midpoints, Piece, Thresholds, layers_of};
+use crate::contour::{
+    Border, CrossingRule, Level, Midpoints, Moves, Piece, Surroundings, Thresholds, layers_of, settle,
+    surroundings,
+};
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
 use crate::locate::{self, Located, LocatedHermite, Scan, Sites, models};
@@ -88,9 +91,48 @@ impl Surface<'_> {
         };
         let curves = curves.as_ref().map(|(scan, sites)| (scan, sites));
         match self.method {
-            Method::Marching => self.march(window, crossings, curves, sink, costs).map(|()| None),
+            Method::Marching => {
+                let started = Instant::now();
+                let known = match (&mut crossings, curves) {
+                    (Crossings::Thresholds { store, materials, .. }, Some((scan, sites))) => {
+                        Some(self.settle(window, store, materials, scan, sites)?)
+                    }
+                    _ => None,
+                };
+                costs.add("settle", started.elapsed().as_secs_f64());
+                let curves = curves.zip(known).map(|((scan, sites), known)| Curves { scan, sites, known });
+                self.march(window, crossings, curves, sink, costs).map(|()| None)
+            }
             Method::Dual(method) => self.dual(window, crossings, curves, &method, sink, costs).map(Some),
         }
+    }
+
+    /// Which vertices near curves may lie where models put them, in the whole volume. If that is seen at once, its models are
+    /// kept.
+    fn settle<S: Sample>(
+        &self,
+        window: &mut SampleWindow<'_, S>,
+        store: &mut LabelStore,
+        materials: &MaterialTable,
+        scan: &Scan,
+        sites: &Sites,
+    ) -> Result<Settled, PipelineError> {
+        let mut around = Surroundings::default();
+        let mut kept = None;
+        window.sweep(self.slices, locate::halo(scan.units) + 1 + Surroundings::BEYOND, |slab, core| {
+            let layers = layers_of(&(core.start + 1..core.end + 1));
+            let (labels, junction) = curves::part(store, slab)?;
+            let view = scan.view(slab, &labels, &junction);
+            let models = models(&view, sites, core.clone(), Surroundings::BEYOND);
+            let rule = located(Thresholds::new(slab, &junction, materials), scan, sites, &models, None);
+            around.append(surroundings(&models.labels, &rule, self.border, layers, self.execution)?);
+            if core.len() == slab.size()[2] {
+                kept = Some(models);
+            }
+            Ok::<_, PipelineError>(())
+        })?;
+        let moves = settle(around, self.geometry, self.execution)?;
+        Ok(Settled { moves, models: kept })
     }
 
     /// Marching: in slabs, and in pieces to the sink.
@@ -98,7 +140,7 @@ impl Surface<'_> {
         &self,
         window: &mut SampleWindow<'_, S>,
         mut crossings: Crossings<'_>,
-        curves: Option<(&Scan, &Sites)>,
+        mut curves: Option<Curves<'_>>,
         sink: &mut dyn MeshSink,
         costs: &mut CostLog,
     ) -> Result<(), PipelineError> {
@@ -107,15 +149,19 @@ impl Surface<'_> {
         sink.begin(self.geometry, &self.materials)?;
         let started = Instant::now();
         let mut out = Out { surface: self, sink, stage, first: [0, 0], seconds: 0.0 };
-        let reach = curves.map_or(reach(&self.method), |(scan, _)| locate::halo(scan.units) + 1);
+        let reach = curves.as_ref().map_or(reach(&self.method), |curves| locate::halo(curves.scan.units) + 1);
         window.sweep(self.slices, reach, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             match &mut crossings {
-                Crossings::Thresholds { store, materials, .. } if let Some((scan, sites)) = curves => {
+                Crossings::Thresholds { store, materials, .. } if let Some(curves) = &mut curves => {
                     let (labels, junction) = curves::part(store, slab)?;
-                    let models = models(&scan.view(slab, &labels, &junction), sites, core.clone(), 0);
+                    let Curves { scan, sites, known } = curves;
+                    let models = known.models.take().unwrap_or_else(|| {
+                        models(&scan.view(slab, &labels, &junction), sites, core.clone(), 0)
+                    });
                     let otherwise = Thresholds::new(slab, &junction, materials);
-                    out.march(&models.labels, &located(otherwise, scan, sites, &models), layers)
+                    let rule = located(otherwise, scan, sites, &models, Some(&known.moves));
+                    out.march(&models.labels, &rule, layers)
                 }
                 Crossings::Thresholds { store, materials, .. } => {
                     let (labels, junction) = store.read(layers.start..layers.end + 1)?;
@@ -162,7 +208,7 @@ impl Surface<'_> {
                     let (labels, junction) = curves::part(store, slab)?;
                     let models = models(&scan.view(slab, &labels, &junction), sites, core.clone(), HALO);
                     let otherwise = Thresholds::new(slab, &junction, materials);
-                    let rule = located(otherwise, scan, sites, &models);
+                    let rule = located(otherwise, scan, sites, &models, None);
                     let labels = &models.labels;
                     let rule = LocatedHermite::new(&rule, slab, labels, spacing, normals, &qualities);
                     builder.add(labels, &rule, layers, self.execution, &stage)?;
@@ -213,9 +259,24 @@ fn located<'a, C: CrossingRule>(
     scan: &Scan,
     sites: &'a Sites,
     models: &'a locate::Models,
+    moves: Option<&'a Moves>,
 ) -> Located<'a, C> {
     let locate::Models { zone, patches, .. } = models;
-    Located { otherwise, zone, sites, patches, units: scan.units, inflation: scan.inflation }
+    Located { otherwise, zone, sites, patches, units: scan.units, inflation: scan.inflation, moves }
+}
+
+/// What is known of the whole volume when it is marched.
+struct Settled {
+    moves: Moves,
+    /// The models, if they are those of the whole volume.
+    models: Option<locate::Models>,
+}
+
+/// What models say, to march by.
+struct Curves<'a> {
+    scan: &'a Scan,
+    sites: &'a Sites,
+    known: Settled,
 }
 
 impl Surface<'_> {

@@ -59,6 +59,16 @@ impl BitRows {
         self.firsts[y]
     }
 
+    /// Number of bit (x, y), if it is set.
+    pub(super) fn number(&self, x: usize, y: usize) -> Option<u32> {
+        let is_here = x < 64 * self.words && y + 1 < self.firsts.len() && self.has(x, y);
+        is_here.then(|| {
+            let (row, below) = (self.row(y), (1u64 << (x % 64)) - 1);
+            let before: u32 = row[..x / 64].iter().map(|w| w.count_ones()).sum();
+            self.firsts[y] + before + (row[x / 64] & below).count_ones()
+        })
+    }
+
     /// The words of row `y`.
     #[inline]
     pub(super) fn row(&self, y: usize) -> &[u64] {
@@ -101,6 +111,8 @@ mod tests {
         assert_eq!(rows.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (3, 2), (64, 2)]);
         assert_eq!([0, 1, 2, 3].map(|y| rows.first(y)), [0, 1, 1, 4]);
         assert_eq!((rows.total(), rows.filled_rows().collect::<Vec<_>>()), (4, vec![0, 2]));
+        let numbers = rows.iter().map(|(x, y)| rows.number(x, y).unwrap());
+        assert!(numbers.eq(0..4) && rows.number(0, 2).is_none() && rows.number(500, 2).is_none());
         let mut some = rows;
         some.retain(|x, y| (x, y) != (3, 2));
         assert_eq!(some.iter().collect::<Vec<_>>(), [(127, 0), (1, 2), (64, 2)]);

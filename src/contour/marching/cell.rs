@@ -34,8 +34,17 @@ impl Cell {
         cell
     }
 
+    /// The cell whose lowest corner is `low`.
+    pub(super) fn at(labels: &LabelVolume, low: [usize; 3]) -> Self {
+        let mut cell = Self { low, labels: [MaterialId::OUTSIDE; CORNERS] };
+        for c in 0..CORNERS {
+            cell.labels[c] = labels.at(cell.corner(c));
+        }
+        cell
+    }
+
     /// Corner `c` of the cell in the padded lattice.
-    fn corner(&self, c: usize) -> [usize; 3] {
+    pub(super) fn corner(&self, c: usize) -> [usize; 3] {
         let offset = corner_offset(c);
         std::array::from_fn(|a| self.low[a] + offset[a])
     }

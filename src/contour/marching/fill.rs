@@ -6,11 +6,13 @@ use super::cell::{Cell, crossing_position, crossing_sigma, pair_of};
 use super::code_rows::{CodeRow, MAX_PLANES, code};
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
-use super::kinks::{Bent, KINK, TIP, kink_of};
+use super::kinks::{KINK, TIP, kink_of};
 use super::lattice::{Between, Layer, Plane};
 use crate::classify::WORD;
 use crate::contour::crossing::{CrossingRule, Node};
+use crate::contour::moves::Move;
 use crate::contour::pattern::{CELL_VERTICES, CellTriangle, PackedEntry};
+use crate::contour::piece::SeamKey;
 use crate::grid::cube::{EDGES, FACES, face_ring};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -47,6 +49,14 @@ impl<'a> VertexSlices<'a> {
         self.kinds[i] = kind;
         if let Some(sigma) = self.sigmas.get_mut(i) {
             *sigma = node.sigma;
+        }
+    }
+
+    /// Puts vertex `i`, which was written, elsewhere.
+    fn shift(&mut self, i: usize, moved: &Move) {
+        self.positions[i] = moved.at;
+        if let Some(sigma) = self.sigmas.get_mut(i) {
+            *sigma = moved.sigma;
         }
     }
 }
@@ -102,6 +112,24 @@ pub(super) fn put_plane<C: CrossingRule>(
     put_kinks(job, &plane.kinks, 2, plane.z, out, next);
 }
 
+/// Moves those vertices of a kind in plane `z` that the rule puts elsewhere; `first` is the first of them.
+fn put_moves<C: CrossingRule>(
+    job: &Job<'_, C>,
+    rows: &BitRows,
+    kind: u64,
+    z: usize,
+    out: &mut VertexSlices<'_>,
+    first: usize,
+) {
+    let Some(moves) = job.rule.moves() else { return };
+    for moved in moves.in_plane(kind, z) {
+        let [x, y, _] = moved.key.low();
+        if let Some(number) = rows.number(x, y) {
+            out.shift(first + number as usize, moved);
+        }
+    }
+}
+
 /// Writes the vertices between two planes from `next` on.
 fn put_between<C: CrossingRule>(
     job: &Job<'_, C>,
@@ -135,12 +163,14 @@ fn put_crossings<C: CrossingRule>(
             *sigma = crossing_sigma(job.rule, from, axis, [from, to].map(|p| job.labels.at(p)));
         }
     }
+    let first = *next;
     // As for cells: loops over few planes are worth unrolling.
     match job.labels.codes().count() {
         0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
         3 => put_crossings_of::<3, C>(job, edges, axis, z, out, next),
         _ => put_crossings_of::<MAX_PLANES, C>(job, edges, axis, z, out, next),
     }
+    put_moves(job, edges, SeamKey::EDGES[axis], z, out, first);
 }
 
 /// The same for no more than `P` code planes.
@@ -186,12 +216,14 @@ fn put_nodes<C: CrossingRule>(
     out: &mut VertexSlices<'_>,
     next: &mut usize,
 ) {
+    let first = *next;
     for (x, y) in faces.iter() {
         let cell = Cell::of_face(job.labels, [x, y, z], axis);
         let kind = cell.kind(face_ring(2 * axis), job.border);
         out.put(*next, cell.low, cell.face_node(job.rule, 2 * axis), kind);
         *next += 1;
     }
+    put_moves(job, faces, SeamKey::NODES[axis], z, out, first);
 }
 
 /// Writes the kinks of faces across `axis` whose lowest corner lies in plane `z`.
@@ -203,6 +235,7 @@ fn put_kinks<C: CrossingRule>(
     out: &mut VertexSlices<'_>,
     next: &mut usize,
 ) {
+    let first = *next;
     for (x, y) in faces.iter() {
         // There is one: the bit was set by it.
         if let Some(kink) = kink_of(job.rule, [x, y, z], axis) {
@@ -210,11 +243,12 @@ fn put_kinks<C: CrossingRule>(
         }
         *next += 1;
     }
+    put_moves(job, faces, SeamKey::KINKS[axis], z, out, first);
 }
 
 /// Position in lattice units of what lies `offset` from padded point `low`.
 #[inline]
-fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
+pub(super) fn place(low: [usize; 3], offset: [f32; 3]) -> [f32; 3] {
     // The padded lattice begins one voxel before the volume.
     // From 32 bits it is one instruction, from 64 unsigned ones it is not.
     std::array::from_fn(|a| low[a] as i32 as f32 - 1.0 + offset[a])
@@ -385,24 +419,13 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
         numbers.take_kinks(kinked);
         let ids = &mut numbers.ids;
         self.put_apexes(cell, entry, ids);
-        let Bent { mut triangles, loops } = Bent::new(self.job.table.packed().triangles(&summary), kinked);
-        let mut tips = 0;
-        for bent in &loops {
-            if bent.has_tip() {
-                let alone = bent.rim.len() - bent.kinks().count() == summary.crossings.count_ones() as usize;
-                ids[TIP + tips] = self.first_vertex + self.apex as u32;
-                self.vertices.put(
-                    self.apex,
-                    cell.low,
-                    cell.tip(self.job.rule, bent, alone),
-                    VertexKind::Interface,
-                );
-                self.apex += 1;
-                triangles.extend(bent.cone((TIP + tips) as u8));
-                tips += 1;
-            } else {
-                triangles.extend(bent.fan(cell.fan_start(self.job.rule, bent)));
-            }
+        let triangles = self.job.table.packed().triangles(&summary);
+        let (triangles, tips) = cell.bent(self.job.rule, triangles, summary.crossings, kinked);
+        for (i, tip) in tips.into_iter().enumerate() {
+            ids[TIP + i] = self.first_vertex + self.apex as u32;
+            self.vertices.put(self.apex, cell.low, tip, VertexKind::Interface);
+            self.put_move(SeamKey::new(SeamKey::TIP + i as u64, cell.low));
+            self.apex += 1;
         }
         self.put_triangles(cell, &triangles, ids);
     }
@@ -423,6 +446,13 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
         }
     }
 
+    /// Moves the vertex inside a cell that was written last, if the rule puts it elsewhere.
+    fn put_move(&mut self, key: SeamKey) {
+        if let Some(moved) = self.job.rule.moves().and_then(|moves| moves.get(key)) {
+            self.vertices.shift(self.apex, moved);
+        }
+    }
+
     fn put_apexes(&mut self, cell: &Cell, entry: usize, ids: &mut [u32; CELL_VERTICES]) {
         let surface = self.job.table.surface(entry);
         let apexes = cell.apexes(self.job.rule, surface);
@@ -430,6 +460,7 @@ impl<C: CrossingRule> CellWriter<'_, '_, C> {
             ids[EDGES + FACES + i] = self.first_vertex + self.apex as u32;
             let kind = cell.kind(set_bits(u64::from(corners)), self.job.border);
             self.vertices.put(self.apex, cell.low, apex, kind);
+            self.put_move(SeamKey::new(SeamKey::APEX + i as u64, cell.low));
             self.apex += 1;
         }
     }

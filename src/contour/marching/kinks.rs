@@ -184,7 +184,7 @@ impl Cell {
     }
 
     /// The kink on a loop's rim from which its fan has the better worst triangle; of equals, the first.
-    pub(super) fn fan_start<C: CrossingRule>(&self, rule: &C, bent: &Loop) -> usize {
+    fn fan_start<C: CrossingRule>(&self, rule: &C, bent: &Loop) -> usize {
         let mut kinks = bent.kinks();
         let first = kinks.next().unwrap_or(0);
         let Some(second) = kinks.next() else { return first };
@@ -198,8 +198,31 @@ impl Cell {
         if worst(second) > worst(first) { second } else { first }
     }
 
+    /// The triangles of a cell of which the faces in `kinked` have kinks, from those without, and its tips. `crossings` are all
+    /// of the cell's.
+    pub(super) fn bent<C: CrossingRule>(
+        &self,
+        rule: &C,
+        triangles: &[CellTriangle],
+        crossings: u16,
+        kinked: u8,
+    ) -> (Vec<CellTriangle>, Vec<Node>) {
+        let Bent { mut triangles, loops } = Bent::new(triangles, kinked);
+        let mut tips = Vec::new();
+        for bent in &loops {
+            if bent.has_tip() {
+                let alone = bent.rim.len() - bent.kinks().count() == crossings.count_ones() as usize;
+                triangles.extend(bent.cone((TIP + tips.len()) as u8));
+                tips.push(self.tip(rule, bent, alone));
+            } else {
+                triangles.extend(bent.fan(self.fan_start(rule, bent)));
+            }
+        }
+        (triangles, tips)
+    }
+
     /// The tip of a loop: what the rule knows, if the loop is `alone` in the cell, else the mean of its kinks.
-    pub(super) fn tip<C: CrossingRule>(&self, rule: &C, bent: &Loop, alone: bool) -> Node {
+    fn tip<C: CrossingRule>(&self, rule: &C, bent: &Loop, alone: bool) -> Node {
         if let Some(node) = rule.apex(self.low).filter(|_| alone).and_then(inside) {
             return node;
         }

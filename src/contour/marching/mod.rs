@@ -18,6 +18,7 @@ mod fill;
 mod kinks;
 mod lattice;
 mod pieces;
+mod surroundings;
 
 use std::ops::Range;
 
@@ -33,6 +34,7 @@ use crate::execution::{Execution, Stage};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
 pub use pieces::march_pieces;
+pub use surroundings::{Surroundings, surroundings};
 
 pub(in crate::contour) use cell::{Cell, pair_of, worst};
 

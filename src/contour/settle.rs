@@ -1,0 +1,183 @@
+//! Which wishes can be granted: those after which no triangles meet.
+//!
+//! All are granted at once. Then triangles that meet where they must not, that have turned over or become slivers are
+//! looked for, and their vertices go back a quarter of the way; again, until nothing offends. With no moves the
+//! surface is what marching promises, so this ends there at the latest. All vertices go back together and triangles are
+//! judged by exact tests of places as they will be written, so neither threads nor slabs show in the result.
+
+use glam::DVec3;
+
+use super::error::ContourError;
+use super::marching::Surroundings;
+use super::moves::{Move, Moves, Wish};
+use super::piece::SeamKey;
+use crate::execution::Execution;
+use crate::grid::Geometry;
+use crate::triangle::{Search, VertexTable, is_without_area, without_area};
+
+/// A wish is granted in so many parts.
+const PARTS: u8 = 4;
+/// A triangle may not turn by more than the angle of this cosine.
+const TURNED: f64 = 0.0;
+/// Height of a triangle over its longest side, lattice units, below which it is a sliver; those that are flatter by construction
+/// may not become flatter still.
+const FLATTEST: f64 = 0.02;
+
+/// The moves that can be granted, of a lattice that lies in the world as `geometry` says.
+///
+/// # Errors
+/// [`ContourError::Cancelled`] if asked to stop.
+pub fn settle(
+    around: Surroundings,
+    geometry: &Geometry,
+    execution: &Execution,
+) -> Result<Moves, ContourError> {
+    let mut settling = Settling::new(around, geometry);
+    while settling.round(execution)? {}
+    let scale = DVec3::from(geometry.spacing()) / geometry.voxel_edge();
+    let moved = settling.wishes.iter().zip(&settling.parts).map(|(wish, &part)| {
+        let at = partly(wish, part);
+        let left = [0, 1, 2].map(|a| f64::from(wish.at[a] - at[a]));
+        // A vertex that is known to be off is known no better than that.
+        let left = (DVec3::from(left) * scale).length() as f32;
+        Move { key: wish.key, at, sigma: wish.sigma.hypot(left) }
+    });
+    Ok(Moves::new(moved.collect()))
+}
+
+/// Where a vertex lies of whose wish so many parts are granted.
+fn partly(wish: &Wish, part: u8) -> [f32; 3] {
+    if part == PARTS {
+        return wish.at;
+    }
+    if part == 0 {
+        return wish.safe;
+    }
+    let share = f32::from(part) / f32::from(PARTS);
+    [0, 1, 2].map(|a| wish.safe[a] + share * (wish.at[a] - wish.safe[a]))
+}
+
+/// A place in the world, from lattice units, as single precision has it.
+fn written(geometry: &Geometry, at: DVec3) -> DVec3 {
+    geometry.world(at).as_vec3().as_dvec3()
+}
+
+struct Settling<'a> {
+    geometry: &'a Geometry,
+    wishes: Vec<Wish>,
+    /// How many parts of each are granted.
+    parts: Vec<u8>,
+    /// The vertex of each wish.
+    vertex: Vec<u32>,
+    /// The wish of each vertex, or [`NONE`].
+    wish: Vec<u32>,
+    /// Where vertices lie, lattice units, and in the world as a mesh has them in single precision.
+    positions: [Vec<DVec3>; 2],
+    /// By construction, lattice units.
+    safe: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    at: VertexTable,
+    /// Triangles that are to be looked at.
+    asked: Vec<bool>,
+    /// Triangles without area in either place.
+    left_out: [Vec<bool>; 2],
+}
+
+const NONE: u32 = u32::MAX;
+
+impl<'a> Settling<'a> {
+    fn new(around: Surroundings, geometry: &'a Geometry) -> Self {
+        let Surroundings { mut wishes, mut vertices, triangles } = around;
+        vertices.sort_unstable_by_key(|v| v.0);
+        vertices.dedup_by_key(|v| v.0);
+        wishes.sort_unstable_by_key(|w| w.key);
+        wishes.dedup_by_key(|w| w.key);
+        let number = |key: SeamKey| vertices.binary_search_by_key(&key, |v| v.0).ok().map(|i| i as u32);
+        // A vertex without triangles has nothing to move.
+        wishes.retain(|w| number(w.key).is_some());
+        let vertex: Vec<u32> = wishes.iter().filter_map(|w| number(w.key)).collect();
+        let triangles: Vec<[u32; 3]> =
+            triangles.iter().map(|t| t.map(|key| number(key).unwrap_or(NONE))).collect();
+        let mut wish = vec![NONE; vertices.len()];
+        vertex.iter().enumerate().for_each(|(i, &v)| wish[v as usize] = i as u32);
+        let safe: Vec<DVec3> = vertices.iter().map(|v| DVec3::from(v.1.map(f64::from))).collect();
+        let positions = [safe.clone(), safe.iter().map(|&p| written(geometry, p)).collect()];
+        let left_out = [0, 1].map(|i| without_area(&positions[i], &triangles));
+        let mut out = Self {
+            geometry,
+            parts: wishes.iter().map(|wish| if wish.is_near() { PARTS } else { 0 }).collect(),
+            vertex,
+            wish,
+            positions,
+            safe,
+            at: VertexTable::new(vertices.len(), &triangles),
+            asked: vec![false; triangles.len()],
+            left_out,
+            triangles,
+            wishes,
+        };
+        for i in 0..out.wishes.len() {
+            if out.parts[i] > 0 {
+                out.place(i);
+            }
+        }
+        out
+    }
+
+    /// Puts the vertex of a wish where it lies now; its triangles are to be looked at.
+    fn place(&mut self, i: usize) {
+        let v = self.vertex[i] as usize;
+        let at = DVec3::from(partly(&self.wishes[i], self.parts[i]).map(f64::from));
+        self.positions[0][v] = at;
+        self.positions[1][v] = written(self.geometry, at);
+        for &t in self.at.triangles(v) {
+            self.asked[t as usize] = true;
+        }
+    }
+
+    /// Looks at what moved last and takes back what offends; whether anything did.
+    fn round(&mut self, execution: &Execution) -> Result<bool, ContourError> {
+        let asked: Vec<usize> = (0..self.triangles.len()).filter(|&t| self.asked[t]).collect();
+        let mut offends = vec![false; self.triangles.len()];
+        for &t in &asked {
+            for (left_out, positions) in self.left_out.iter_mut().zip(&self.positions) {
+                left_out[t] = is_without_area(positions, self.triangles[t]);
+            }
+            offends[t] = self.is_spoilt(t) || self.left_out.iter().any(|left_out| left_out[t]);
+        }
+        for (positions, left_out) in self.positions.iter().zip(&self.left_out) {
+            let search = Search::new(positions, &self.triangles, left_out);
+            let found = search.run(|t| self.asked[t], execution)?;
+            for t in found.first.into_iter().flatten() {
+                offends[t as usize] = true;
+            }
+        }
+        self.asked.fill(false);
+        let mut back: Vec<u32> = Vec::new();
+        for (t, _) in offends.iter().enumerate().filter(|(_, offends)| **offends) {
+            let moved = self.triangles[t].map(|v| self.wish[v as usize]);
+            back.extend(moved.into_iter().filter(|&w| w != NONE && self.parts[w as usize] > 0));
+        }
+        back.sort_unstable();
+        back.dedup();
+        for &w in &back {
+            self.parts[w as usize] -= 1;
+            self.place(w as usize);
+        }
+        Ok(!back.is_empty())
+    }
+
+    /// Whether a triangle has turned over or become a sliver.
+    fn is_spoilt(&self, t: usize) -> bool {
+        let corners = |at: &[DVec3]| self.triangles[t].map(|v| at[v as usize]);
+        let (before, after) = (corners(&self.safe), corners(&self.positions[0]));
+        let normal = |c: [DVec3; 3]| (c[1] - c[0]).cross(c[2] - c[0]);
+        let (m, n) = (normal(before), normal(after));
+        let height = |c: [DVec3; 3], n: DVec3| {
+            let longest = (0..3).map(|i| c[i].distance(c[(i + 1) % 3])).fold(0.0, f64::max);
+            n.length() / longest
+        };
+        let flat = height(after, n);
+        !(m.dot(n) > TURNED * m.length() * n.length() && (flat >= FLATTEST || flat >= height(before, m)))
+    }
+}
