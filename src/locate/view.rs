@@ -37,17 +37,17 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// The shares of `misfits`, median and worst; of a pair that was not measured the medians of those that were.
+    /// Share and spread of `misfits`; of a pair that was not measured the medians of those that were.
     fn misfit(&self, pair: [usize; 2]) -> [f64; 2] {
         if let Some(own) = self.misfits.iter().find(|m| m.pair == pair) {
-            return [own.share, own.worst];
+            return [own.share, own.spread];
         }
         let median = |share: fn(&Misfit) -> f64| {
             let mut shares: Vec<f64> = self.misfits.iter().map(share).collect();
             shares.sort_by(f64::total_cmp);
             shares.get(shares.len() / 2).copied().unwrap_or(0.0)
         };
-        [median(|m| m.share), median(|m| m.worst)]
+        [median(|m| m.share), median(|m| m.spread)]
     }
 
     /// The scan, seen through some slices.
@@ -200,17 +200,16 @@ impl<S: volume::Sample> View<'_, S> {
             [a.min(scan.means[m]), b.max(scan.means[m])]
         });
         // Of several pairs the mean: each is seen by a part of the voxels.
-        let (mut sums, mut pairs) = ([0.0; 2], 0);
+        let (mut sum, mut pairs, mut slack) = (0.0, 0, 1.0f64);
         for a in ids() {
             for b in ids().filter(|b| a < *b) {
-                let misfit = scan.misfit([a, b]).map(|share| (share * (scan.means[b] - scan.means[a])).powi(2));
-                sums = [sums[0] + misfit[0], sums[1] + misfit[1]];
+                let [share, spread] = scan.misfit([a, b]);
+                sum += (share * (scan.means[b] - scan.means[a])).powi(2);
+                slack = slack.max(spread);
                 pairs += 1;
             }
         }
-        // Squares of what grey values are off by, at usual and at worse places.
-        let model = ((ends[1] - ends[0]) * model).powi(2);
-        let [usual, worse] = sums.map(|sum| noise + sum / f64::from(pairs.max(1)) + model);
-        Reading { noise: usual.sqrt(), clip: scan.clip, slack: (worse / usual).max(1.0) }
+        let off = (sum / f64::from(pairs.max(1))).sqrt().hypot((ends[1] - ends[0]) * model);
+        Reading { noise: noise.sqrt().hypot(off), clip: scan.clip, slack }
     }
 }

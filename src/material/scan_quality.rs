@@ -95,29 +95,36 @@ impl<'a> Look<'a> {
     }
 }
 
-/// See [`Misfit::worst`].
-const WORST: f64 = 0.9;
+/// The median over the lower quartile, to this power, is what a logarithmic normal distribution has at nine in ten over the
+/// median.
+const NINE_IN_TEN: f64 = 1.9;
 /// Fewest patches of a pair that tell something.
 const MIN_PATCHES: usize = 12;
 
 /// What the interfaces of each pair show beyond the noise of their materials.
 fn misfits(fitted: &[Fitted], noise: &[Option<Noise>]) -> Vec<Misfit> {
-    let mut beyond: BTreeMap<[usize; 2], Vec<(f64, f64)>> = BTreeMap::new();
+    // Squared deviations of each pair's interfaces, and what noise explains of them.
+    let mut beyond: BTreeMap<[usize; 2], Vec<(f64, f64, f64)>> = BTreeMap::new();
     for (patch, fit, weight) in fitted {
         let [a, b] = patch.materials;
         let known = || [a, b].into_iter().filter_map(|m| noise[m].as_ref().map(|n| n.sigma * n.sigma));
         let count = known().count();
         if count > 0 {
             let contrast = fit.plateaus[1] - fit.plateaus[0];
-            let share = (fit.rms * fit.rms - known().sum::<f64>() / count as f64) / (contrast * contrast);
-            beyond.entry([a.min(b), a.max(b)]).or_default().push((share, *weight));
+            let noise = known().sum::<f64>() / count as f64;
+            let [all, noise] = [fit.rms * fit.rms, noise].map(|v| v / (contrast * contrast));
+            beyond.entry([a.min(b), a.max(b)]).or_default().push((all, noise, *weight));
         }
     }
     let told = beyond.into_iter().filter(|(_, patches)| patches.len() >= MIN_PATCHES);
     told.map(|(pair, found)| {
         let patches = found.len();
-        let [share, worst] = [0.5, WORST].map(|part| weighted_quantile(&found, part).max(0.0).sqrt());
-        Misfit { pair, patches, share, worst }
+        let beyond: Vec<(f64, f64)> = found.iter().map(|f| (f.0 - f.1, f.2)).collect();
+        let all: Vec<(f64, f64)> = found.iter().map(|f| (f.0, f.2)).collect();
+        let [quartile, median] = [0.25, 0.5].map(|part| weighted_quantile(&all, part));
+        let share = weighted_quantile(&beyond, 0.5).max(0.0).sqrt();
+        let spread = if quartile > 0.0 { libm::pow(median / quartile, NINE_IN_TEN) } else { 1.0 };
+        Misfit { pair, patches, share, spread }
     })
     .collect()
 }
