@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::flanks::{FlatIndex, flanks_of};
-use super::flat_starts::{meeting, ordered};
+use super::flat_starts::{self, meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
@@ -34,6 +34,12 @@ const FULL: f64 = 4.2;
 /// the longer look that tells where a weak interface ends at a strong one.
 const ALONG: f64 = 5.0;
 const TURN: f64 = 0.5;
+/// It reaches to where a narrow sector is at least twice this wide, but no farther than the second, blur units: where a
+/// material is narrower its grey value is not seen.
+const HALF_WIDTH: f64 = 2.1;
+const WIDEST: f64 = 7.0;
+/// Radii of the balls of the rough fits from patches, blur units.
+const COARSE: [f64; 2] = [7.0, 5.5];
 /// How far around a seed labels are looked at, voxels.
 const AROUND: f64 = 7.0;
 /// Junction cells around a seed that tell the direction lie within this distance, voxels.
@@ -224,12 +230,30 @@ fn start<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Start> {
 fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
     let by_labels =
         start(view, seed).and_then(|start| fit_from(view, flats, seed, (seed.at, FARTHEST), &start));
-    by_labels.or_else(|| {
-        let found = meeting(view, flats, seed.at, seed.materials)?;
-        let (rays, sectors) = ordered(found.direction, found.rays)?;
-        let start = Start { direction: found.direction, rays, sectors };
-        fit_from(view, flats, seed, (seed.at + view.units.voxel(found.at), FOUND), &start)
-    })
+    by_labels.or_else(|| by_patches(view, flats, seed))
+}
+
+/// The fit of a seed from where patches' planes meet, coarse to fine.
+fn by_patches<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
+    let found = meeting(view, flats, seed.at, seed.materials)?;
+    let (rays, sectors) = ordered(found.direction, found.rays)?;
+    let middle = seed.at + view.units.voxel(found.at);
+    // What a pass reads beyond its slices is enough for the widest window up to here.
+    let most = FOUND.min(flat_starts::FARTHEST + 0.5 - found.at.length());
+    let materials = sectors.map(|k| seed.materials[k]);
+    let prior = prior(view, middle, materials);
+    let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
+    let mut wedge =
+        Wedge::<3, JUNCTION>::new(DVec3::ZERO, found.direction, rays, prior.levels.map(|l| l.mean));
+    for radius in COARSE {
+        view.samples(middle, wedge.origin, radius, &mut seen, &mut samples);
+        let rough = wedge.fit(&samples, &[], &prior, Stage::Rough)?;
+        wedge = rough.wedge.recentred(0.0);
+        if wedge.origin.length() > most {
+            return None;
+        }
+    }
+    finish(view, flats, (middle, most), wedge, materials, &prior)
 }
 
 /// The fit from a start about a middle (voxels), from which it may move so far (blur units).
@@ -308,10 +332,11 @@ fn finish<S: volume::Sample>(
     let mut on: Vec<Flank> = Vec::new();
     for pass in 0..2 {
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
-        view.samples(middle, wedge.origin, FULL.hypot(along), &mut seen, &mut samples);
+        let full = wide(&wedge);
+        view.samples(middle, wedge.origin, full.hypot(along), &mut seen, &mut samples);
         samples.retain(|s| {
             let (r, z) = wedge.section(s.at);
-            r.length_squared() <= FULL * FULL && z.abs() <= along
+            r.length_squared() <= full * full && z.abs() <= along
         });
         let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
         let prior = &Prior { bends, ..*prior };
@@ -340,6 +365,12 @@ fn finish<S: volume::Sample>(
     }
     let at = middle + view.units.voxel(fit.wedge.point(0.0));
     Some(Site { middle, at, materials, model: Model::Junction(Box::new(fit)) })
+}
+
+/// Radius of the window about a wedge, blur units: where its narrowest sector is wide enough for its material to be seen.
+fn wide(wedge: &Wedge<3, JUNCTION>) -> f64 {
+    let narrowest = wedge.angles().into_iter().fold(f64::INFINITY, f64::min);
+    (HALF_WIDTH / (0.5 * narrowest).tan()).clamp(FULL, WIDEST)
 }
 
 /// Difference of the largest and the smallest level.

@@ -25,6 +25,9 @@ const TAINTED: [f64; 2] = [3.7, 2.8];
 /// Beyond this distance a patch that knows an interface knows it better.
 const PATCHES: [f64; 2] = [3.9, 2.7];
 
+/// A junction speaks farther where its narrowest sector is too narrow for labels to be told, so far beside that sector, blur units.
+const BESIDE_NARROW: f64 = 2.0;
+
 /// A corner speaks for all that lies within this distance of it, blur units; farther for what is near its curves.
 const CORNER: f64 = 4.3;
 /// Fits of curves that are centred so near to a corner have seen it, and do not count.
@@ -63,6 +66,8 @@ pub struct Answer<'a> {
     pub kind: CurveKind,
     /// Whether a patch is to be preferred, if there is one.
     pub yields: bool,
+    /// Whether no interface can be seen alone there, far from the curve as it may be: a sector is narrow.
+    pub blind: bool,
 }
 
 /// What a site says of a voxel.
@@ -91,13 +96,15 @@ struct Claimed {
     /// Distance from the nearest curve, and what that is.
     distance: f64,
     kind: CurveKind,
+    /// Whether the place lies in or beside a sector that is too narrow there for its sheets to be seen apart.
+    blind: bool,
 }
 
 impl Site {
     /// How far around `at` the site may speak, blur units.
     fn farthest(&self) -> f64 {
         match &self.model {
-            Model::Junction(_) => REACH[CurveKind::Junction as usize].hypot(ALONG),
+            Model::Junction(fit) => fit.wedge.blind().max(REACH[CurveKind::Junction as usize]).hypot(ALONG),
             Model::Edge(_) => REACH[CurveKind::Edge as usize].hypot(ALONG),
             Model::Corner(corner) => corner.reach(),
         }
@@ -119,16 +126,26 @@ impl Site {
                 }
                 // Before any curve, or after.
                 let score = radius / CORNER + if within { -10.0 } else { 10.0 };
-                return Some(Claimed { score, distance: near.distance, kind: near.kind });
+                return Some(Claimed { score, distance: near.distance, kind: near.kind, blind: false });
             }
         };
         let [distance, z] = self.around(at);
-        let reach = REACH[kind as usize];
+        let blind = match &self.model {
+            Model::Junction(fit)
+                if distance > TAINTED[CurveKind::Junction as usize]
+                    && distance <= factor * fit.wedge.blind()
+                    && fit.wedge.is_narrow_at(at, BESIDE_NARROW) =>
+            {
+                fit.wedge.blind()
+            }
+            _ => 0.0,
+        };
+        let reach = REACH[kind as usize].max(blind);
         let speaks = distance <= factor * reach
             && z.abs() <= factor * ALONG
             && asked.is_none_or(|asked| asked == kind);
         let score = distance / reach + 0.5 * z.abs() / ALONG;
-        speaks.then_some(Claimed { score, distance, kind })
+        speaks.then_some(Claimed { score, distance, kind, blind: blind > 0.0 })
     }
 }
 
@@ -288,9 +305,9 @@ impl Sites {
             let at = self.units.of(place - site.middle);
             let Some(claimed) = site.claims(at, factor, asked) else { continue };
             if best.as_ref().is_none_or(|(s, _)| claimed.score < *s) {
-                let Claimed { score, distance, kind } = claimed;
-                let yields = distance > PATCHES[kind as usize];
-                best = Some((score, Answer { site, at, distance, kind, yields }));
+                let Claimed { score, distance, kind, blind } = claimed;
+                let yields = distance > PATCHES[kind as usize] && !blind;
+                best = Some((score, Answer { site, at, distance, kind, yields, blind }));
             }
         }
         best.map(|b| b.1)
@@ -314,7 +331,7 @@ impl Sites {
                     Some(Claim {
                         voxel: voxel.map(|c| c as u16),
                         material: answer.site.material(answer.at),
-                        tainted: answer.distance <= TAINTED[answer.kind as usize],
+                        tainted: answer.blind || answer.distance <= TAINTED[answer.kind as usize],
                     })
                 })
             })

@@ -282,6 +282,23 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         })
     }
 
+    /// How far from the curve its narrowest sector is narrower than what labels and single sheets need, blur units; no farther than
+    /// a fit sees.
+    #[must_use]
+    pub fn blind(&self) -> f64 {
+        let narrowest = self.angles().into_iter().fold(f64::INFINITY, f64::min);
+        (0.5 * WIDTH / (0.5 * narrowest).tan()).min(MOST_BLIND)
+    }
+
+    /// Whether a place lies in the narrowest sector or within `beside` of it, blur units.
+    #[must_use]
+    pub fn is_narrow_at(&self, at: DVec3, beside: f64) -> bool {
+        let angles = self.angles();
+        let i = (1..R).fold(0, |m, i| if angles[i] < angles[m] { i } else { m });
+        let ((after, c, _), (before, d, _)) = (self.sheet(i, at), self.sheet((i + 1) % R, at));
+        c.max(d) > 0.0 && after > -beside && before < beside
+    }
+
     /// Grey levels of the sectors.
     #[must_use]
     pub fn levels(&self) -> [f64; R] {
@@ -434,6 +451,11 @@ pub(super) fn is_explained(reduced: f64, samples: usize, reading: &Reading, cont
 pub(super) const RESIDUAL: f64 = 0.008;
 /// What the curved model must gain in chi squared.
 const GAIN: f64 = 12.0;
+
+/// Labels need a ball of some 2.5 sigma of one material, sheets are seen alone from each other from there on, blur units.
+const WIDTH: f64 = 4.2;
+/// See [`Wedge::blind`].
+const MOST_BLIND: f64 = 8.0;
 
 /// The smallest angle of a sector that a wedge may have.
 pub(super) const SMALLEST_ANGLE: f64 = PI / 15.0;
