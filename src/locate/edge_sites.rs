@@ -96,8 +96,10 @@ fn faces<'a, S: volume::Sample>(
     let mut near: Vec<(&Flat, f64)> = flats
         .near(seed.at, reach)
         .filter(|f| f.pair == seed.pair)
-        .map(|f| (f, view.units.of(f.at - seed.at).length()))
-        .filter(|(_, d)| *d <= AROUND)
+        .map(|f| (f, view.units.of(f.at - seed.at)))
+        // The edge lies in both planes, and near the seed: one that is farther off is of another wall.
+        .filter(|(f, at)| at.length() <= AROUND && f.normal.dot(*at).abs() <= FARTHEST)
+        .map(|(f, at)| (f, at.length()))
         .collect();
     if near.len() > NEAR {
         near.select_nth_unstable_by(NEAR, |a, b| a.1.total_cmp(&b.1));
@@ -129,6 +131,8 @@ fn faces<'a, S: volume::Sample>(
 
 /// Crossings this near to a seed (voxels) are rounded with the edge, those farther than the second are not its.
 const ROUNDED: [f64; 2] = [2.0, 6.5];
+/// The planes of a seed's own faces pass it nearer than this, blur units; others are of the wall's other side.
+const PASSING: f64 = 2.0;
 /// Fewest crossings that make a face.
 const FEWEST: usize = 8;
 
@@ -146,7 +150,7 @@ fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Op
             let (mut up, mut down) = (v, v);
             up[a] += 1;
             down[a] -= 1;
-            (grey(up) - grey(down)) * view.units.per_voxel[a]
+            (grey(up) - grey(down)) / view.units.per_voxel[a]
         }))
     };
     let mut found: Vec<(DVec3, DVec3)> = Vec::new();
@@ -172,6 +176,7 @@ fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Op
                     let normal = gradient(from) * (1.0 - t) + gradient(to) * t;
                     if (ROUNDED[0]..ROUNDED[1]).contains(&distance)
                         && let Some(normal) = normal.try_normalize()
+                        && normal.dot(view.units.of(at - seed.at)).abs() < PASSING
                     {
                         found.push((at, normal));
                     }
@@ -216,12 +221,14 @@ fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Op
     Some([flat(faces[0]?), flat(faces[1]?)])
 }
 
-/// The wedge that two patches make about a seed.
+/// The wedge that two faces make about a seed: patches, or where those make none crossings around.
 fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
-    let faces = match faces(view, flats, seed) {
-        Some([a, b]) => [*a, *b],
-        None => faces_of_crossings(view, seed)?,
-    };
+    let by_patches = faces(view, flats, seed).and_then(|faces| start_of(view, seed, faces.map(|f| *f)));
+    by_patches.or_else(|| start_of(view, seed, faces_of_crossings(view, seed)?))
+}
+
+/// The wedge that these faces make.
+fn start_of<S: volume::Sample>(view: &View<'_, S>, seed: &Rough, faces: [Flat; 2]) -> Option<Start> {
     let [a, b] = faces;
     let direction = a.normal.cross(b.normal).try_normalize()?;
     let at = faces.map(|f| view.units.of(f.at - seed.at));
@@ -259,8 +266,14 @@ fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Ro
     Some(Start { cell, seed: *seed, wedge, materials })
 }
 
-/// A voxel this far (blur units) on the wrong side contradicts an edge; so many may.
+/// A voxel this far (blur units) on the wrong side contradicts an edge: another sheet is there, whose blur reaches so far,
+/// and farther if it is of a third material, whose contrast may be larger.
 const WRONG: f64 = 1.3;
+const BLURRED: [f64; 2] = [2.4, 3.0];
+/// Fewest voxels of a fit.
+const FEWEST_VOXELS: usize = 60;
+/// So far from the edge, and along it, what it says of labels counts, blur units; and so many may contradict.
+const SPEAKS: f64 = 3.2;
 const MOST_WRONG: usize = 2;
 
 fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
@@ -282,18 +295,23 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
     let mut from = wedge.origin;
     for pass in 0..2 {
         from = wedge.origin;
-        view.samples(seed.at, from, FULL, &mut seen, &mut samples);
+        view.samples(seed.at, from, FULL + BLURRED[0], &mut seen, &mut samples);
         // A third material, or another part, is none of the edge's.
-        if seen.iter().any(|s| !materials.contains(&s.label)) {
-            let near: Vec<DVec3> = seen
-                .iter()
-                .filter(|s| !materials.contains(&s.label))
-                .map(|s| s.sample.at + wedge.origin)
-                .collect();
-            if near.iter().any(|p| p.distance(wedge.origin) < 3.0) {
-                return None;
-            }
-            samples.retain(|s| near.iter().all(|p| p.distance_squared(s.at) > 9.0));
+        if seen.iter().any(|s| !materials.contains(&s.label) && s.sample.at.length() < BLURRED[1]) {
+            return None;
+        }
+        let others: Vec<(DVec3, f64)> = seen
+            .iter()
+            .zip(&samples)
+            .filter(|(s, sample)| contradicts(&wedge, &materials, s.label, sample.at))
+            .map(|(s, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&s.label))]))
+            .collect();
+        samples.retain(|s| {
+            s.at.distance_squared(from) <= FULL * FULL
+                && others.iter().all(|(p, reach)| p.distance_squared(s.at) > reach * reach)
+        });
+        if samples.len() < FEWEST_VOXELS {
+            return None;
         }
         let bends = flanks_of(view, flats, seed.at, &wedge, &materials, &mut on);
         let prior = Prior { bends, ..prior };
@@ -325,21 +343,35 @@ fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Sta
         return None;
     }
     let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
-    let site = Site {
+    // Where it speaks labels must agree, or another sheet is there.
+    let speaks = |at: DVec3| {
+        let (r, z) = fit.wedge.section(at);
+        r.length() <= SPEAKS && z.abs() <= SPEAKS
+    };
+    let wrong = seen
+        .iter()
+        .filter(|s| !s.uncertain && speaks(s.sample.at + from))
+        .filter(|s| contradicts(&fit.wedge, &materials, s.label, s.sample.at + from))
+        .count();
+    if wrong > MOST_WRONG {
+        return None;
+    }
+    Some(Site {
         middle: seed.at,
         at,
         materials: [materials[0], materials[1], materials[1]],
         model: Model::Edge(Box::new(fit)),
-    };
-    let wrong = seen.iter().filter(|s| contradicts(&site, s, s.sample.at + from)).count();
-    (wrong <= MOST_WRONG).then_some(site)
+    })
 }
 
-/// Whether a voxel's label is another than the edge says, though no interface of it is near: another sheet is.
-fn contradicts(site: &Site, seen: &Seen, at: DVec3) -> bool {
-    !seen.uncertain
-        && site.material(at) != seen.label
-        && site
-            .passage([site.materials[0], site.materials[1]], at)
-            .is_none_or(|passage| passage.distance.abs() > WRONG)
+/// Whether a voxel's label is another than an edge says, though neither of its sheets is near: another sheet is.
+fn contradicts(wedge: &Wedge<2, EDGE>, materials: &[MaterialId; 2], label: MaterialId, at: DVec3) -> bool {
+    if materials[wedge.sector(at)] == label {
+        return false;
+    }
+    !materials.contains(&label)
+        || (0..2).all(|i| {
+            let (distance, along, _) = wedge.sheet(i, at);
+            distance.hypot(along.min(0.0)) > WRONG
+        })
 }
