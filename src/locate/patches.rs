@@ -395,8 +395,8 @@ fn block<S: volume::Sample>(
     let thin = thin_face(view, centre, pair, direction, seen);
     // The mouth of a gap looks like a notch, but is no edge.
     let unclear = matches!(thin, Some(ThinFace::Unclear));
-    let sheet = match thin {
-        Some(ThinFace::Sheet(sheet)) => Some(*sheet),
+    let fitted = match thin {
+        Some(ThinFace::Sheet(sheet)) => Some((*sheet, true)),
         Some(ThinFace::Ball(ball, first_inside)) => {
             let kept = KeptBall::new(&ball, from_corner, first_inside);
             out.sheets.push((first.block, pair, Shape::Ball(kept)));
@@ -404,14 +404,18 @@ fn block<S: volume::Sample>(
         }
         Some(ThinFace::Unclear) | None => fit_around(view, centre, pair, direction, seen),
     };
-    let sheet = sheet.filter(|sheet| view.units.voxel(sheet.point(0.0, 0.0)).length() < FARTHEST);
-    let Some(sheet) = sheet else {
+    let fitted = fitted.filter(|(sheet, _)| view.units.voxel(sheet.point(0.0, 0.0)).length() < FARTHEST);
+    let Some((sheet, sure)) = fitted else {
         out.sheets.push((first.block, pair, Shape::Rough));
         if !unclear {
             out.rough.push(Rough { pair, at: centre });
         }
         return;
     };
+    if !sure {
+        // What streaks may explain an edge may, too.
+        out.rough.push(Rough { pair, at: centre });
+    }
     let at = sheet.point(0.0, 0.0);
     out.sheets.push((first.block, pair, Shape::Sheet(Kept::new(&sheet, from_corner))));
     out.flats.push(Flat {
@@ -425,14 +429,15 @@ fn block<S: volume::Sample>(
     });
 }
 
-/// Fits a sheet through about `centre`; `None` if the grey values there are not those of one smooth sheet.
+/// Fits a sheet through about `centre`; `None` if the grey values there are not those of one smooth sheet. And whether noise alone
+/// explains them.
 fn fit_around<S: volume::Sample>(
     view: &View<'_, S>,
     centre: DVec3,
     pair: [MaterialId; 2],
     direction: DVec3,
     seen: &mut Vec<Seen>,
-) -> Option<Sheet> {
+) -> Option<(Sheet, bool)> {
     let radius = RADIUS.max(LEAST_VOXELS / view.units.mean_voxels);
     view.ball(centre, radius, seen);
     let own = |s: &Seen| !s.uncertain && pair.contains(&s.label);
@@ -469,6 +474,8 @@ fn fit_around<S: volume::Sample>(
     let levels = levels.map(|l| LevelPrior { sigma: l.sigma.hypot(LEVEL * contrast), ..l });
     let reading = view.reading(&pair, MODEL);
     let sheet = fit_sheet(&samples, DVec3::ZERO, normal, levels, reading)?;
-    let explained = explains(sheet.fit.chi2, sheet.fit.strain, samples.len(), reading.slack);
-    (explained && sheet.curvature() < MOST_CURVED).then_some(sheet)
+    let explained = |slack| explains(sheet.fit.chi2, sheet.fit.strain, samples.len(), slack);
+    let taken = explained(reading.slack) && sheet.curvature() < MOST_CURVED;
+    let sure = explained(1.0);
+    taken.then_some((sheet, sure))
 }

@@ -78,7 +78,7 @@ impl Site {
             return None;
         }
         let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..16 {
+        for _ in 0..12 {
             let middle = 0.5 * (low + high);
             let found = self.material(start + step * middle);
             if found == a {

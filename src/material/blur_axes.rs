@@ -51,7 +51,8 @@ pub(super) fn blur(geometry: &Geometry, fitted: &[Fitted]) -> (Blur, Option<Edge
     if clean.len() < MIN_PATCHES {
         return (Blur::found(geometry, None, None, [true; 3], clean.len()), None);
     }
-    let median = weighted_median(&clean.iter().map(|(_, fit, weight)| (fit.sigma, *weight)).collect::<Vec<_>>());
+    let median =
+        weighted_median(&clean.iter().map(|(_, fit, weight)| (fit.sigma, *weight)).collect::<Vec<_>>());
     let kept: Vec<&Fitted> = clean
         .into_iter()
         .filter(|(_, fit, _)| (SPREAD[0]..SPREAD[1]).contains(&(fit.sigma / median)))

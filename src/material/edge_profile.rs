@@ -47,7 +47,7 @@ pub struct Misfit {
     /// Beyond the noise inside of both materials: root mean square as a share of the contrast, of the median interface. Blur
     /// that is not Gaussian, streaks, clipped grey values.
     pub share: f64,
-    /// By how much squared deviations, noise and all, are larger at an interface that nine in ten are better than: 1.1 with
+    /// By how much squared deviations, noise and all, are larger at an interface that nine in ten are better than: 1 with
     /// noise alone, more where streaks and shadows are not everywhere. From the better half: among the others are such that
     /// bend.
     pub spread: f64,

@@ -98,6 +98,8 @@ impl<'a> Look<'a> {
 /// The median over the lower quartile, to this power, is what a logarithmic normal distribution has at nine in ten over the
 /// median.
 const NINE_IN_TEN: f64 = 1.9;
+/// What white noise alone makes of that, over the voxels of a patch.
+const BY_NOISE: f64 = 1.1;
 /// Fewest patches of a pair that tell something.
 const MIN_PATCHES: usize = 12;
 
@@ -123,7 +125,11 @@ fn misfits(fitted: &[Fitted], noise: &[Option<Noise>]) -> Vec<Misfit> {
         let all: Vec<(f64, f64)> = found.iter().map(|f| (f.0, f.2)).collect();
         let [quartile, median] = [0.25, 0.5].map(|part| weighted_quantile(&all, part));
         let share = weighted_quantile(&beyond, 0.5).max(0.0).sqrt();
-        let spread = if quartile > 0.0 { libm::pow(median / quartile, NINE_IN_TEN) } else { 1.0 };
+        let spread = if quartile > 0.0 {
+            (libm::pow(median / quartile, NINE_IN_TEN) / BY_NOISE).max(1.0)
+        } else {
+            1.0
+        };
         Misfit { pair, patches, share, spread }
     })
     .collect()
