@@ -41,6 +41,9 @@ const BESIDE: f64 = 0.9;
 /// Where labels have been set by a site whose neighbour is missing, it is asked about places so much farther away.
 pub(super) const FARTHER: f64 = 1.5;
 
+/// How far a curve may bend away within its reach, blur units.
+const BENT: f64 = 1.0;
+
 /// Edge of a box of the index, voxels.
 const SIDE: usize = 4;
 
@@ -49,6 +52,8 @@ const SIDE: usize = 4;
 pub struct Sites {
     units: BlurUnits,
     sites: Vec<Site>,
+    /// How far each may speak around its `at`, blur units.
+    reaches: Vec<f64>,
     /// Sites by the boxes that they may speak in: box, site; sorted.
     boxes: Vec<([u16; 3], u32)>,
 }
@@ -193,9 +198,10 @@ impl Sites {
     #[must_use]
     pub fn new(units: BlurUnits, sites: Vec<Site>) -> Self {
         let sites = settled(units, sites);
+        let reaches: Vec<f64> = sites.iter().map(Site::farthest).collect();
         let mut boxes: Vec<([u16; 3], u32)> = Vec::new();
-        for (i, site) in sites.iter().enumerate() {
-            let reach = units.voxel(DVec3::splat(FARTHER * site.farthest()));
+        for (i, (site, reach)) in sites.iter().zip(&reaches).enumerate() {
+            let reach = units.voxel(DVec3::splat(FARTHER * reach));
             let low = ((site.at - reach).max(DVec3::ZERO) / SIDE as f64).as_usizevec3();
             let high = ((site.at + reach).max(DVec3::ZERO) / SIDE as f64).as_usizevec3();
             for z in low.z..=high.z {
@@ -205,7 +211,7 @@ impl Sites {
             }
         }
         boxes.par_sort_unstable();
-        Self { units, sites, boxes }
+        Self { units, sites, reaches, boxes }
     }
 
     /// The sites.
@@ -214,9 +220,14 @@ impl Sites {
         &self.sites
     }
 
-    fn in_box(&self, key: [u16; 3]) -> impl Iterator<Item = &Site> {
+    /// The sites that may speak in a box, by number.
+    fn in_box(&self, key: [u16; 3]) -> impl Iterator<Item = u32> {
         let first = self.boxes.partition_point(|b| b.0 < key);
-        self.boxes[first..].iter().take_while(move |b| b.0 == key).map(|b| &self.sites[b.1 as usize])
+        self.boxes[first..].iter().take_while(move |b| b.0 == key).map(|b| b.1)
+    }
+
+    fn site(&self, number: u32) -> &Site {
+        &self.sites[number as usize]
     }
 
     /// The site that speaks for a place (voxels).
@@ -259,7 +270,7 @@ impl Sites {
     /// Who speaks for curves of a kind near a place (voxels), the better first.
     fn of_curves(&self, kind: CurveKind, place: DVec3) -> [Option<Answer<'_>>; 2] {
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
-        let is_corner = |site: &&Site| matches!(site.model, Model::Corner(_));
+        let is_corner = |site: &u32| matches!(self.site(*site).model, Model::Corner(_));
         let corner = self.best(self.in_box(key).filter(is_corner), place, FARTHER, Some(kind));
         let curve = self.best(self.in_box(key).filter(|site| !is_corner(site)), place, FARTHER, Some(kind));
         // Within a corner's ball its curves are all there are; beyond, those of other fits come first.
@@ -274,7 +285,7 @@ impl Sites {
         let place = low + 0.5;
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
         let mut best: Option<(f64, (DVec3, f64))> = None;
-        for site in self.in_box(key) {
+        for site in self.in_box(key).map(|number| self.site(number)) {
             let Model::Corner(corner) = &site.model else { continue };
             let off = (site.at - place).abs().max_element() - 0.5;
             let is_cell = || {
@@ -293,15 +304,21 @@ impl Sites {
         best.map(|b| b.1)
     }
 
-    fn best<'a>(
-        &'a self,
-        sites: impl Iterator<Item = &'a Site>,
+    fn best(
+        &self,
+        sites: impl Iterator<Item = u32>,
         place: DVec3,
         factor: f64,
         asked: Option<CurveKind>,
-    ) -> Option<Answer<'a>> {
-        let mut best: Option<(f64, Answer<'a>)> = None;
-        for site in sites {
+    ) -> Option<Answer<'_>> {
+        let mut best: Option<(f64, Answer<'_>)> = None;
+        for number in sites {
+            let site = self.site(number);
+            // Most of those in a box are farther off; a curve may bend a little away from `at`.
+            let reach = factor * self.reaches[number as usize] + BENT;
+            if self.units.of(place - site.at).length_squared() > reach * reach {
+                continue;
+            }
             let at = self.units.of(place - site.middle);
             let Some(claimed) = site.claims(at, factor, asked) else { continue };
             if best.as_ref().is_none_or(|(s, _)| claimed.score < *s) {
@@ -326,7 +343,7 @@ impl Sites {
                     .flat_map(move |z| range(1, size[1]).map(move |y| [z, y]))
                     .flat_map(move |[z, y]| range(2, size[0]).map(move |x| [x, y, z]));
                 voxels.filter_map(move |voxel| {
-                    let sites = group.iter().map(|b| &self.sites[b.1 as usize]);
+                    let sites = group.iter().map(|b| b.1);
                     let answer = self.best(sites, DVec3::from(voxel.map(|c| c as f64)), 1.0, None)?;
                     Some(Claim {
                         voxel: voxel.map(|c| c as u16),

@@ -68,7 +68,7 @@ pub struct DualMethod {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tolerance {
-    /// What the noise of the scan asks for: see [`Tolerance::LEAST`] and [`Tolerance::PER_SIGMA`].
+    /// What the noise of the scan asks for: see [`Tolerance::LEAST`], [`Tolerance::PER_SIGMA`] and [`Tolerance::LEAST_OF_MODELS`].
     #[default]
     Auto,
     /// Root mean square distance in voxels (of mean edge length); negative: no simplification.
@@ -84,16 +84,23 @@ pub enum Tolerance {
 impl Tolerance {
     /// The tolerance of a scan without noise, in voxels.
     pub const LEAST: f64 = 0.1;
+    /// The same where models place the crossings: what is well known is not to be thrown away.
+    pub const LEAST_OF_MODELS: f64 = 0.02;
+    /// By how much fits lessen the noise that single crossings have, about.
+    pub const GAIN_OF_MODELS: f64 = 3.0;
     /// The tolerance of a noisy scan in standard deviations of its crossings: below about one of them
     /// hardly anything may collapse.
     pub const PER_SIGMA: f64 = 1.5;
 
     /// The bound for a volume that lies as `geometry` says and whose crossings are known to a standard deviation of
-    /// `sigma` voxels.
+    /// `sigma` voxels, by models of the blurred scene or not.
     #[must_use]
-    pub fn bound(self, geometry: &Geometry, sigma: f64) -> Bound {
+    pub fn bound(self, geometry: &Geometry, sigma: f64, by_models: bool) -> Bound {
         let unless_negative = |value: f64, bound: Bound| if value < 0.0 { Bound::None } else { bound };
         match self {
+            Self::Auto if by_models => {
+                Bound::Rms(Self::LEAST_OF_MODELS.max(Self::PER_SIGMA / Self::GAIN_OF_MODELS * sigma))
+            }
             Self::Auto => Bound::Rms(Self::LEAST.max(Self::PER_SIGMA * sigma)),
             Self::Voxels(rms) => unless_negative(rms, Bound::Rms(rms)),
             Self::Millimetres(mm) => unless_negative(mm, Bound::Rms(mm / geometry.voxel_edge())),

@@ -241,7 +241,7 @@ impl Surface<'_> {
         drop(stage);
         costs.add("contour", started.elapsed().as_secs_f64());
         let noise = crossings.position_sigma(&qualities);
-        let bound = method.tolerance.bound(self.geometry, noise);
+        let bound = method.tolerance.bound(self.geometry, noise, curves.is_some());
         let (placement, merge) = (method.placement, !method.octree_only);
         let options = DualOptions { bound, placement, merge, noise, deviation: true };
         let mut surface = builder.finish(self.geometry, &options, self.border, self.execution)?;
@@ -282,7 +282,7 @@ struct Curves<'a> {
 impl Surface<'_> {
     /// Refuses a surface that the budget cannot hold as a whole, after its crossings in the first `slices`.
     fn check_memory(&self, crossings: u64, slices: usize, method: &DualMethod) -> Result<(), PipelineError> {
-        let each = match method.tolerance.bound(self.geometry, 0.0) {
+        let each = match method.tolerance.bound(self.geometry, 0.0, false) {
             Bound::None => UNSIMPLIFIED,
             Bound::Rms(_) | Bound::Triangles(_) if !method.octree_only => MERGED,
             _ => OCTREE,
