@@ -122,7 +122,12 @@ fn no_triangles_meet_whatever_is_wished_and_slabs_do_not_show() {
         let patch = march(&volume, &moved, Border::Closed, &execution).unwrap();
         assert_sound(&patch, ids.len(), Border::Closed, &|| format!("{seed}"));
         assert_eq!(plain.triangles, patch.triangles);
-        let places = patch.positions.iter().zip(&plain.positions).filter(|(a, b)| a != b).count();
+        let places = patch
+            .positions
+            .iter()
+            .zip(&plain.positions)
+            .filter(|(a, b)| a.map(f32::to_bits) != b.map(f32::to_bits))
+            .count();
         assert!(places <= moves.all().len(), "{seed}");
         some += places;
         let mut pieces: Vec<Piece> = Vec::new();

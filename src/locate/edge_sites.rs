@@ -115,7 +115,7 @@ fn faces<'a, S: volume::Sample>(
         for (b, db) in &near[..i] {
             let cos = a.normal.dot(b.normal);
             let cost = da + db + 4.0 * cos;
-            if cos > LEAST_TURN_COS || cos < -0.95 || best.is_some_and(|(c, _)| cost >= c) {
+            if !(-0.95..=LEAST_TURN_COS).contains(&cos) || best.is_some_and(|(c, _)| cost >= c) {
                 continue;
             }
             // A curved face turns as well.

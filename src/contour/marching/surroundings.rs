@@ -159,14 +159,14 @@ impl<W: Wishes> Gatherer<'_, W> {
             }
         }
         let mut nodes = [[0.0; 3]; FACES];
-        for f in 0..FACES {
+        for (f, node) in nodes.iter_mut().enumerate() {
             let (axis, mut from) = (f / 2, low);
             from[axis] += f % 2;
             if summary.star_faces >> f & 1 == 1 {
                 let key = SeamKey::new(SeamKey::NODES[axis], from);
                 let safe = self.node(from, axis);
-                nodes[f] =
-                    ask(key, &|| safe, &|safe| Wishes::node(self.rule, from, axis, safe)).unwrap_or(safe);
+                let wish = |safe| Wishes::node(self.rule, from, axis, safe);
+                *node = ask(key, &|| safe, &wish).unwrap_or(safe);
             } else if kinked >> f & 1 == 1 {
                 let safe =
                     || kink_of(self.rule, from, axis).map_or([f32::NAN; 3], |kink| place(from, kink.at));
