@@ -224,7 +224,9 @@ fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Op
 /// The wedge that two faces make about a seed: patches, or where those make none crossings around.
 fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
     let by_patches = faces(view, flats, seed).and_then(|faces| start_of(view, seed, faces.map(|f| *f)));
-    by_patches.or_else(|| start_of(view, seed, faces_of_crossings(view, seed)?))
+    // Where a patch was accepted, those around tell if there is an edge.
+    let alone = || if seed.fitted { None } else { faces_of_crossings(view, seed) };
+    by_patches.or_else(|| start_of(view, seed, alone()?))
 }
 
 /// The wedge that these faces make.

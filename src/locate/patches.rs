@@ -63,13 +63,15 @@ pub struct Flat {
     pub form_sigma: f64,
 }
 
-/// A block whose crossings are not one smooth sheet.
+/// A block whose crossings are not one smooth sheet, or not surely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rough {
     /// The lower and the higher material.
     pub pair: [MaterialId; 2],
     /// Mean of its crossings, voxels.
     pub at: DVec3,
+    /// Whether a patch was accepted all the same, for what the scan's worse interfaces show.
+    pub fitted: bool,
 }
 
 /// A sheet as it is kept: in voxels from the block's lowest corner.
@@ -408,13 +410,13 @@ fn block<S: volume::Sample>(
     let Some((sheet, sure)) = fitted else {
         out.sheets.push((first.block, pair, Shape::Rough));
         if !unclear {
-            out.rough.push(Rough { pair, at: centre });
+            out.rough.push(Rough { pair, at: centre, fitted: false });
         }
         return;
     };
     if !sure {
         // What streaks may explain an edge may, too.
-        out.rough.push(Rough { pair, at: centre });
+        out.rough.push(Rough { pair, at: centre, fitted: true });
     }
     let at = sheet.point(0.0, 0.0);
     out.sheets.push((first.block, pair, Shape::Sheet(Kept::new(&sheet, from_corner))));
