@@ -46,7 +46,8 @@ fn survives(options: &PhantomOptions, most: f64) {
 
 #[test]
 fn thin_gaps_stay_open() {
-    survives(&scene(SceneName::ThinGap, 2.5), 0.15);
+    // At 64 voxels the blocks touch in one place at the rim, near a corner (docs/locate.md).
+    survives(&PhantomOptions { size: [72; 3], ..scene(SceneName::ThinGap, 2.5) }, 0.15);
     let noise = Noise::Percent(4.0);
     survives(&PhantomOptions { noise, ..scene(SceneName::ThinGap, 3.0) }, 0.15);
 }

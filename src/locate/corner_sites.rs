@@ -74,6 +74,9 @@ pub(super) const CELL: f64 = 4.0;
 const STARTS: usize = 3;
 /// Edge of the boxes in which one seed is enough, voxels.
 const SEEDS: f64 = 3.0;
+/// A label contradicts a corner if its voxel lies farther than this from all planes, blur units; so many may.
+const WRONG: f64 = 1.3;
+const MOST_WRONG: usize = 2;
 /// Fewest voxels with a label for its material to count.
 const FEWEST: usize = 3;
 
@@ -187,6 +190,8 @@ fn starts<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: DV
 /// What a corner is fitted with, about `middle`.
 struct Window {
     samples: Batches,
+    /// Where they lie, blur units from the middle.
+    places: Vec<DVec3>,
     /// Materials by the numbers that labels have here.
     materials: Vec<MaterialId>,
     labels: Vec<u8>,
@@ -245,8 +250,9 @@ impl Window {
         };
         let anchors = (0..3).flat_map(planes_of).collect();
         let planes = planes.map(|p| (p.point(), p.normal));
+        let places = samples.iter().map(|s| s.at).collect();
         let samples = Batches::new(&samples);
-        Some(Self { samples, materials, labels, reading, prior, anchors, planes, contrast })
+        Some(Self { samples, places, materials, labels, reading, prior, anchors, planes, contrast })
     }
 
     fn start(&self) -> Option<corner_starts::Start> {
@@ -276,6 +282,15 @@ impl Window {
         HOPELESS.max((HOPELESS * RESIDUAL * self.contrast / self.prior.noise).powi(2))
     }
 
+    /// Whether labels of two materials contradict a corner away from its planes: another sheet is there, such as that of another
+    /// block across a gap. (Where more materials meet, labels are not that certain.)
+    fn is_contradicted(&self, corner: &Corner) -> bool {
+        let wrong = self.places.iter().zip(&self.labels).filter(|(at, label)| {
+            corner.material(**at) != **label && (0..3).all(|i| corner.distance(i, **at).abs() > WRONG)
+        });
+        self.materials.len() == 2 && wrong.count() > MOST_WRONG
+    }
+
     /// Whether a fit may be taken.
     fn accepts(&self, found: &Found) -> bool {
         let fit = &found.fit;
@@ -291,6 +306,7 @@ impl Window {
             && curves >= 3
             && !blunt
             && fit.corner.is_complete()
+            && !self.is_contradicted(&fit.corner)
             && fit.apex_sigmas()[2] < UNSURE
             && fit.corner.log_sigma.abs() < 2.5 * SIGMA
     }
