@@ -2,7 +2,7 @@
 //!
 //! By construction marching puts every vertex where no triangles can meet, whatever the rule says
 //! (`docs/contouring.md`). Near curves that costs accuracy: a curve often passes beside the face whose labels ask for it.
-//! A [`Wish`] says where such a vertex should lie; [`settle`](super::settle) grants those of which an exact test shows that no
+//! A [`Wish`] says where such a vertex should lie; [`settle`](super::settle()) grants those of which an exact test shows that no
 //! triangles meet, and leaves a table of [`Moves`] for the rule.
 
 use super::crossing::{CrossingRule, Node};

@@ -1,7 +1,7 @@
 //! What a scan itself says about a mesh: the mesh's materials, blurred as the scan is, against its grey values.
 //!
 //! [`residual()`] needs no ground truth. The *model* of a voxel is what a scanner of the stated blur would see of the
-//! mesh: the exact share of each material in every cell of a finer grid ([`coverage`]), times that material's
+//! mesh: the exact share of each material in every cell of a finer grid (`coverage`), times that material's
 //! grey value there, convolved with a Gaussian per axis and averaged over the voxel. Measured less model is the
 //! *residual*: noise and whatever the levels and the blur do not explain where the surface is right, and
 //! up to half of the contrast where it is off. A plane that is off by a share of sigma leaves at most 0.4 of that share
