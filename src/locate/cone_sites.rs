@@ -24,7 +24,6 @@ use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::is_explained;
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Fits of curves are taken within this distance of each other, blur units.
 const AROUND: f64 = 11.0;
@@ -57,8 +56,8 @@ fn triple(site: &Site) -> Option<[MaterialId; 3]> {
 /// Fits points of four materials from planes about `places` (of [`junctions_about`](super::corner_sites::junctions_about)) and
 /// from fits of junction curves; those whose box begins in the slices `core`.
 #[must_use]
-pub(super) fn cone_sites<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn cone_sites(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     places: &[DVec3],
     junctions: &[Site],
@@ -146,7 +145,7 @@ const THROUGH: f64 = 0.15;
 const ASIDE: f64 = 0.7;
 
 /// Three planes through a line and a fourth across it around a place.
-fn plates<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, place: DVec3) -> Vec<Start> {
+fn plates(view: &View<'_>, flats: &FlatIndex<'_>, place: DVec3) -> Vec<Start> {
     let planes = planes_about(view, flats, place);
     let mut out = Vec::new();
     for i in 0..planes.len() {
@@ -162,12 +161,7 @@ fn plates<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, place: D
 }
 
 /// The sectors that three planes through a line make on a plate, about a place.
-fn plate<S: volume::Sample>(
-    view: &View<'_, S>,
-    place: DVec3,
-    three: [&Plane<'_>; 3],
-    across: &Plane<'_>,
-) -> Option<Start> {
+fn plate(view: &View<'_>, place: DVec3, three: [&Plane<'_>; 3], across: &Plane<'_>) -> Option<Start> {
     let n = three.map(|p| p.normal);
     let apart = (0..3).all(|i| n[i].dot(n[(i + 1) % 3]).abs() < APART);
     if !apart || n[0].dot(n[1].cross(n[2])).abs() > THROUGH {
@@ -219,7 +213,7 @@ fn plate<S: volume::Sample>(
     Some(Start { cell, at, materials, rays, miss: apex.length() })
 }
 
-fn fit<S: volume::Sample>(view: &View<'_, S>, start: &Start) -> Option<Site> {
+fn fit(view: &View<'_>, start: &Start) -> Option<Site> {
     let Start { materials, rays, .. } = *start;
     let mut middle = start.at;
     let levels: [LevelPrior; 4] = materials.map(|m| view.level(m, middle));

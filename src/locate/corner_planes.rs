@@ -8,7 +8,6 @@ use glam::{DMat3, DVec3};
 use super::flanks::FlatIndex;
 use super::patches::Flat;
 use super::view::View;
-use crate::volume;
 
 /// Patches are looked for within this distance of a place, blur units.
 const AROUND: f64 = 10.5;
@@ -72,11 +71,7 @@ impl Plane<'_> {
 }
 
 /// The planes that patches show around `centre` (voxels), those with most patches first.
-pub(super) fn planes_about<'a, S: volume::Sample>(
-    view: &View<'_, S>,
-    flats: &FlatIndex<'a>,
-    centre: DVec3,
-) -> Vec<Plane<'a>> {
+pub(super) fn planes_about<'a>(view: &View<'_>, flats: &FlatIndex<'a>, centre: DVec3) -> Vec<Plane<'a>> {
     let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
     let mut near: Vec<(f64, DVec3, &Flat)> = flats
         .near(centre, reach)

@@ -28,7 +28,6 @@ use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{RESIDUAL, is_explained};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Planes meet within this distance of a seed, blur units.
 pub(super) const REACH: f64 = 4.0;
@@ -81,14 +80,14 @@ const MOST_WRONG: usize = 2;
 const FEWEST: usize = 3;
 
 /// Labels are there as far as a corner's ball reaches from the slices `core`.
-fn seen_from<S: volume::Sample>(view: &View<'_, S>, core: &Range<usize>) -> Range<f64> {
+fn seen_from(view: &View<'_>, core: &Range<usize>) -> Range<f64> {
     let reach = view.units.voxel(DVec3::splat(REACH + FARTHEST)).z + CELL;
     (core.start as f64 - reach).max(0.0)..core.end as f64 + reach
 }
 
 /// Where blocks have junction cells from which corners of the slices `core` may be found, voxels.
 #[must_use]
-pub(super) fn junctions_about<S: volume::Sample>(view: &View<'_, S>, core: &Range<usize>) -> Vec<DVec3> {
+pub(super) fn junctions_about(view: &View<'_>, core: &Range<usize>) -> Vec<DVec3> {
     let slices = seen_from(view, core);
     let last = view.slab.size()[2] - 1;
     let mut places = junction_places(view, slices.start as usize..(slices.end.ceil() as usize).min(last));
@@ -99,8 +98,8 @@ pub(super) fn junctions_about<S: volume::Sample>(view: &View<'_, S>, core: &Rang
 /// Fits the corners whose start lies in a box that begins in the slices `core`; seeds are `junctions` (of
 /// [`junctions_about`]) and `rough`.
 #[must_use]
-pub(super) fn corner_sites<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn corner_sites(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     junctions: &[DVec3],
     rough: &[Rough],
@@ -174,7 +173,7 @@ fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3)> {
     out
 }
 
-fn starts<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: DVec3) -> Vec<Start> {
+fn starts(view: &View<'_>, flats: &FlatIndex<'_>, seed: DVec3) -> Vec<Start> {
     let planes = planes_about(view, flats, seed);
     let found = triples(&planes, REACH);
     found
@@ -204,7 +203,7 @@ struct Window {
 
 impl Window {
     /// Of the voxels about `middle` (voxels) and three planes there.
-    fn new<S: volume::Sample>(view: &View<'_, S>, middle: DVec3, planes: [&Plane<'_>; 3]) -> Option<Self> {
+    fn new(view: &View<'_>, middle: DVec3, planes: [&Plane<'_>; 3]) -> Option<Self> {
         let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
         view.samples(middle, DVec3::ZERO, FULL, &mut seen, &mut samples);
         let mut materials: Vec<MaterialId> = seen.iter().map(|s| s.label).collect();
@@ -312,7 +311,7 @@ impl Window {
     }
 }
 
-fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, at: &Start) -> Option<Site> {
+fn fit(view: &View<'_>, flats: &FlatIndex<'_>, at: &Start) -> Option<Site> {
     let (_, apex) = triples(&planes_about(view, flats, at.at), REACH).into_iter().next()?;
     let mut middle = at.at + view.units.voxel(apex);
     let mut last: Option<CornerFit> = None;

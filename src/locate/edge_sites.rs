@@ -20,7 +20,6 @@ use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Patches are looked for within this distance of a seed, blur units.
 const AROUND: f64 = 7.5;
@@ -49,8 +48,8 @@ const FARTHEST: f64 = 3.5;
 
 /// Fits the sharp edges at seeds; those whose box begins in the slices `core`.
 #[must_use]
-pub(super) fn edge_sites<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn edge_sites(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     seeds: &[Rough],
     core: Range<usize>,
@@ -87,11 +86,7 @@ struct Start {
 }
 
 /// The two patches around a seed that make an edge: near, and of different directions.
-fn faces<'a, S: volume::Sample>(
-    view: &View<'_, S>,
-    flats: &FlatIndex<'a>,
-    seed: &Rough,
-) -> Option<[&'a Flat; 2]> {
+fn faces<'a>(view: &View<'_>, flats: &FlatIndex<'a>, seed: &Rough) -> Option<[&'a Flat; 2]> {
     let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
     let mut near: Vec<(&Flat, f64)> = flats
         .near(seed.at, reach)
@@ -138,7 +133,7 @@ const FEWEST: usize = 8;
 
 /// Two faces where there are no patches, as between edges that are near to each other: the crossings around,
 /// parted by the directions of their gradients.
-fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Option<[Flat; 2]> {
+fn faces_of_crossings(view: &View<'_>, seed: &Rough) -> Option<[Flat; 2]> {
     let (size, slices) = (view.slab.size(), view.slab.slices());
     let low: [usize; 3] = std::array::from_fn(|a| (seed.at[a] - ROUNDED[1]).max(1.0) as usize);
     let end: [usize; 3] =
@@ -222,7 +217,7 @@ fn faces_of_crossings<S: volume::Sample>(view: &View<'_, S>, seed: &Rough) -> Op
 }
 
 /// The wedge that two faces make about a seed: patches, or where those make none crossings around.
-fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
+fn start(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
     let by_patches = faces(view, flats, seed).and_then(|faces| start_of(view, seed, faces.map(|f| *f)));
     // Where a patch was accepted, those around tell if there is an edge.
     let alone = || if seed.fitted { None } else { faces_of_crossings(view, seed) };
@@ -230,7 +225,7 @@ fn start<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Ro
 }
 
 /// The wedge that these faces make.
-fn start_of<S: volume::Sample>(view: &View<'_, S>, seed: &Rough, faces: [Flat; 2]) -> Option<Start> {
+fn start_of(view: &View<'_>, seed: &Rough, faces: [Flat; 2]) -> Option<Start> {
     let [a, b] = faces;
     let direction = a.normal.cross(b.normal).try_normalize()?;
     let at = faces.map(|f| view.units.of(f.at - seed.at));
@@ -277,7 +272,7 @@ const FEWEST_VOXELS: usize = 60;
 /// So many labels may contradict.
 const MOST_WRONG: usize = 2;
 
-fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
+fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
     let Start { seed, wedge, materials, .. } = start;
     let (mut wedge, materials) = (wedge.clone(), *materials);
     let levels: [LevelPrior; 2] = materials.map(|m| view.level(m, seed.at));

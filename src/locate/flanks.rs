@@ -6,7 +6,6 @@ use super::patches::Flat;
 use super::view::View;
 use super::wedge::{Flank, Wedge};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Patches are taken from so far from the curve on, blur units: nearer they see the third material.
 const NEAREST: f64 = 3.2;
@@ -65,8 +64,8 @@ const BEND: f64 = 0.02;
 
 /// The places that patches give on the sheets of a wedge about `middle`, and the sheets' curvatures across the
 /// curve with standard deviations.
-pub(super) fn flanks_of<S: volume::Sample, const R: usize, const N: usize>(
-    view: &View<'_, S>,
+pub(super) fn flanks_of<const R: usize, const N: usize>(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     middle: DVec3,
     wedge: &Wedge<R, N>,

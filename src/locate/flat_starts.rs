@@ -11,7 +11,6 @@ use super::frame::basis;
 use super::patches::Flat;
 use super::view::View;
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Patches are looked for within this distance of a seed, blur units.
 const AROUND: f64 = 13.0;
@@ -44,8 +43,8 @@ struct Plane {
 }
 
 /// The line on which the interfaces of three materials meet, by the patches around `seed` (voxels).
-pub(super) fn meeting<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn meeting(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     seed: DVec3,
     materials: [MaterialId; 3],

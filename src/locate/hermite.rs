@@ -10,32 +10,31 @@ use crate::grid::MaterialId;
 use crate::volume::{Sample, Slab};
 
 /// Positions and normals by models; where they say nothing, normals by grey values.
-#[derive(Debug)]
-pub struct LocatedHermite<'a, C, S> {
-    located: &'a Located<'a, C>,
-    grey: GreyHermite<'a, &'a Located<'a, C>, S>,
+pub struct LocatedHermite<'a> {
+    located: &'a Located<'a>,
+    grey: Box<dyn HermiteRule + 'a>,
     /// Blur units to a covector of lengths.
     scale: DVec3,
 }
 
-impl<'a, C: CrossingRule, S: Sample> LocatedHermite<'a, C, S> {
+impl<'a> LocatedHermite<'a> {
     /// With crossings by `located`, of the grey values in `slab` and the labels that agree with the models; spacing
     /// in mm per axis, `rule` and `qualities` as for [`GreyHermite::new`].
     #[must_use]
-    pub fn new(
-        located: &'a Located<'a, C>,
+    pub fn new<S: Sample>(
+        located: &'a Located<'a>,
         slab: Slab<'a, S>,
         labels: &'a LabelVolume,
         spacing: [f64; 3],
         rule: NormalRule,
         qualities: &Qualities,
     ) -> Self {
-        let grey = GreyHermite::new(located, slab, labels, spacing, rule, qualities);
+        let grey = Box::new(GreyHermite::new(located, slab, labels, spacing, rule, qualities));
         Self { located, grey, scale: located.units.per_voxel / DVec3::from(spacing) }
     }
 }
 
-impl<C: CrossingRule, S: Sample> CrossingRule for LocatedHermite<'_, C, S> {
+impl CrossingRule for LocatedHermite<'_> {
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
         self.located.position(from, axis, labels)
     }
@@ -61,7 +60,7 @@ impl<C: CrossingRule, S: Sample> CrossingRule for LocatedHermite<'_, C, S> {
     }
 }
 
-impl<C: CrossingRule, S: Sample> HermiteRule for LocatedHermite<'_, C, S> {
+impl HermiteRule for LocatedHermite<'_> {
     fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite {
         let Some(found) = self.located.find(from, axis, labels) else {
             return self.grey.hermite(from, axis, labels);

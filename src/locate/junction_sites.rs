@@ -23,7 +23,6 @@ use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Voxels along a block whose junction cells share a fit.
 const BLOCK: usize = 5;
@@ -61,8 +60,8 @@ const FOUND: f64 = 2.5;
 
 /// Fits the junction curves whose blocks begin in the slices `core`, but for seeds from which one of `known` was found.
 #[must_use]
-pub(super) fn junction_sites<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn junction_sites(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     known: &[Site],
     core: Range<usize>,
@@ -93,7 +92,7 @@ struct Seed {
 }
 
 /// The materials at the corners of the cell with this lowest voxel, ascending; `None` beyond the volume.
-fn materials_of<S: volume::Sample>(view: &View<'_, S>, low: [usize; 3]) -> Option<Vec<MaterialId>> {
+fn materials_of(view: &View<'_>, low: [usize; 3]) -> Option<Vec<MaterialId>> {
     let size = view.slab.size();
     if (0..3).any(|a| low[a] + 1 >= size[a]) || !view.slab.slices().contains(&(low[2] + 1)) {
         return None;
@@ -109,7 +108,7 @@ fn materials_of<S: volume::Sample>(view: &View<'_, S>, low: [usize; 3]) -> Optio
 }
 
 /// The seeds of a layer of blocks.
-fn seeds<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<Seed> {
+fn seeds(view: &View<'_>, slices: Range<usize>) -> Vec<Seed> {
     let mut cells: Vec<([usize; 2], [MaterialId; 3], DVec3)> = Vec::new();
     for z in slices {
         let mut last = None;
@@ -150,7 +149,7 @@ fn seeds<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<See
 
 /// Where blocks in these slices have junction cells, voxels.
 #[must_use]
-pub(super) fn junction_places<S: volume::Sample>(view: &View<'_, S>, slices: Range<usize>) -> Vec<DVec3> {
+pub(super) fn junction_places(view: &View<'_>, slices: Range<usize>) -> Vec<DVec3> {
     let held = view.slab.slices();
     let blocks = slices.start / BLOCK..slices.end.div_ceil(BLOCK);
     let of = |b: usize| b * BLOCK..((b + 1) * BLOCK).min(view.slab.size()[2] - 1);
@@ -166,7 +165,7 @@ struct Start {
     sectors: [usize; 3],
 }
 
-fn start<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Start> {
+fn start(view: &View<'_>, seed: &Seed) -> Option<Start> {
     let (size, slices) = (view.slab.size(), view.slab.slices());
     let low: [usize; 3] = std::array::from_fn(|a| (seed.at[a] - AROUND).max(0.0) as usize);
     let end: [usize; 3] = std::array::from_fn(|a| ((seed.at[a] + AROUND) as usize + 1).min(size[a]));
@@ -227,14 +226,14 @@ fn start<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Start> {
 }
 
 /// The fit of a seed, if it is accepted.
-fn fit<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
+fn fit(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
     let by_labels =
         start(view, seed).and_then(|start| fit_from(view, flats, seed, (seed.at, FARTHEST), &start));
     by_labels.or_else(|| by_patches(view, flats, seed))
 }
 
 /// The fit of a seed from where patches' planes meet, coarse to fine.
-fn by_patches<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
+fn by_patches(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
     let found = meeting(view, flats, seed.at, seed.materials)?;
     let (rays, sectors) = ordered(found.direction, found.rays)?;
     let middle = seed.at + view.units.voxel(found.at);
@@ -257,8 +256,8 @@ fn by_patches<S: volume::Sample>(view: &View<'_, S>, flats: &FlatIndex<'_>, seed
 }
 
 /// The fit from a start about a middle (voxels), from which it may move so far (blur units).
-fn fit_from<S: volume::Sample>(
-    view: &View<'_, S>,
+fn fit_from(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     seed: &Seed,
     (middle, most): (DVec3, f64),
@@ -281,7 +280,7 @@ fn fit_from<S: volume::Sample>(
 }
 
 /// What is known before the fits at a place.
-fn prior<S: volume::Sample>(view: &View<'_, S>, at: DVec3, materials: [MaterialId; 3]) -> Prior<3> {
+fn prior(view: &View<'_>, at: DVec3, materials: [MaterialId; 3]) -> Prior<3> {
     let levels: [LevelPrior; 3] = materials.map(|m| view.level(m, at));
     let mut sorted = levels.map(|l| l.mean);
     sorted.sort_by(f64::total_cmp);
@@ -299,8 +298,8 @@ fn prior<S: volume::Sample>(view: &View<'_, S>, at: DVec3, materials: [MaterialI
 /// Fits sites again, with patches on their flanks, those whose window's middle lies in the slices `core`; one that
 /// then explains less stays as it was.
 #[must_use]
-pub(super) fn refine<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn refine(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     sites: &[Site],
     core: &Range<usize>,
@@ -318,8 +317,8 @@ pub(super) fn refine<S: volume::Sample>(
 }
 
 /// The later fits, from a rough one; the site, if it is accepted.
-fn finish<S: volume::Sample>(
-    view: &View<'_, S>,
+fn finish(
+    view: &View<'_>,
     flats: &FlatIndex<'_>,
     (middle, most): (DVec3, f64),
     mut wedge: Wedge<3, JUNCTION>,

@@ -25,7 +25,6 @@ use super::sites::Sites;
 use super::specks::remove_specks;
 use super::view::View;
 use crate::classify::{BitPlanes, LabelVolume};
-use crate::volume::Sample;
 
 /// Slices that the passes read on each side of their own.
 #[must_use]
@@ -58,13 +57,13 @@ impl Sheets {
 
 /// Pass 1, of the slices `core`.
 #[must_use]
-pub fn find_junctions<S: Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<Site> {
+pub fn find_junctions(view: &View<'_>, core: Range<usize>) -> Vec<Site> {
     junction_sites(view, &FlatIndex::new(&[]), &[], core)
 }
 
 /// Pass 2, of the slices `core`; `junctions` are those of the whole volume.
 #[must_use]
-pub fn find_sheets<S: Sample>(view: &View<'_, S>, junctions: &Sites, core: Range<usize>) -> Sheets {
+pub fn find_sheets(view: &View<'_>, junctions: &Sites, core: Range<usize>) -> Sheets {
     let relabelled = Relabelled::new(view, junctions);
     let Patches { flats, rough, .. } = Patches::fit(&relabelled.view(view), blocks_of(&core, BLOCK));
     let places = rough.iter().map(|r| r.at).chain(junctions.all().iter().map(|site| site.at));
@@ -109,12 +108,7 @@ impl Neighbourhood {
 
 /// Pass 3, of the slices `core`; `junctions` and `sheets` are those of the whole volume.
 #[must_use]
-pub fn find_curves<S: Sample>(
-    view: &View<'_, S>,
-    junctions: &Sites,
-    sheets: &Sheets,
-    core: Range<usize>,
-) -> Vec<Site> {
+pub fn find_curves(view: &View<'_>, junctions: &Sites, sheets: &Sheets, core: Range<usize>) -> Vec<Site> {
     let flats = FlatIndex::new(&sheets.flats);
     let mut found = refine(view, &flats, junctions.all(), &core);
     // What was refused at first may be accepted with the flanks known.
@@ -141,7 +135,7 @@ pub struct Models {
 
 /// Pass 4, of the slices `core` and `beyond` more on each side; `curves` are those of the whole volume.
 #[must_use]
-pub fn models<S: Sample>(view: &View<'_, S>, curves: &Sites, core: Range<usize>, beyond: usize) -> Models {
+pub fn models(view: &View<'_>, curves: &Sites, core: Range<usize>, beyond: usize) -> Models {
     let relabelled = Relabelled::new(view, curves);
     let depth = view.slab.size()[2];
     // The cells of the core reach one slice beyond it, and their edges' upper ends one more.
@@ -162,7 +156,7 @@ struct Relabelled {
 }
 
 impl Relabelled {
-    fn new<S: Sample>(before: &View<'_, S>, sites: &Sites) -> Self {
+    fn new(before: &View<'_>, sites: &Sites) -> Self {
         let mut labels = before.labels.clone();
         let planes = || BitPlanes::window(before.slab.size(), 1, labels.codes().slices());
         let (mut zone, mut uncertain) = (planes(), planes());
@@ -181,7 +175,7 @@ impl Relabelled {
     }
 
     /// The view of the same slices with these labels.
-    fn view<'a, S: Sample>(&'a self, before: &View<'a, S>) -> View<'a, S> {
+    fn view<'a>(&'a self, before: &View<'a>) -> View<'a> {
         View { labels: &self.labels, uncertain: &self.uncertain, ..*before }
     }
 }

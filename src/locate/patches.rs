@@ -22,7 +22,6 @@ use super::thin_faces::{ThinFace, explains, thin_face};
 use super::view::{Seen, View};
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Cells along a block.
 pub(super) const BLOCK: usize = 3;
@@ -146,7 +145,7 @@ struct Layer {
 impl Patches {
     /// The patches of these layers of blocks, from what `view` holds.
     #[must_use]
-    pub fn fit<S: volume::Sample>(view: &View<'_, S>, layers: Range<usize>) -> Self {
+    pub fn fit(view: &View<'_>, layers: Range<usize>) -> Self {
         let found: Vec<Layer> = layers.clone().into_par_iter().map(|b| layer(view, b)).collect();
         let height = view.slab.size()[1].div_ceil(BLOCK);
         let mut out = Self { layers: layers.clone(), height, ..Self::default() };
@@ -305,7 +304,7 @@ impl Kept {
 }
 
 /// The blocks of one layer of blocks.
-fn layer<S: volume::Sample>(view: &View<'_, S>, block_z: usize) -> Layer {
+fn layer(view: &View<'_>, block_z: usize) -> Layer {
     let mut edges = Vec::new();
     for z in block_z * BLOCK..((block_z + 1) * BLOCK).min(view.slab.size()[2]) {
         crossing_edges(view.labels, z, |from, axis| {
@@ -376,13 +375,7 @@ fn crossing(e: &Edge) -> DVec3 {
 }
 
 /// Fits a block.
-fn block<S: volume::Sample>(
-    view: &View<'_, S>,
-    edges: &[Edge],
-    block_z: usize,
-    seen: &mut Vec<Seen>,
-    out: &mut Layer,
-) {
+fn block(view: &View<'_>, edges: &[Edge], block_z: usize, seen: &mut Vec<Seen>, out: &mut Layer) {
     let Some(first) = edges.first() else { return };
     let centre = edges.iter().map(crossing).sum::<DVec3>() / edges.len() as f64;
     let pair = first.pair;
@@ -433,8 +426,8 @@ fn block<S: volume::Sample>(
 
 /// Fits a sheet through about `centre`; `None` if the grey values there are not those of one smooth sheet. And whether noise alone
 /// explains them.
-fn fit_around<S: volume::Sample>(
-    view: &View<'_, S>,
+fn fit_around(
+    view: &View<'_>,
     centre: DVec3,
     pair: [MaterialId; 2],
     direction: DVec3,

@@ -17,7 +17,7 @@ use glam::DVec3;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::view::View;
-use crate::volume::{self, Slab};
+use crate::volume::Greys;
 
 /// Voxels around that a form is fitted to, along each axis and way.
 pub(super) const AROUND: usize = 2;
@@ -79,7 +79,7 @@ pub(super) struct Finder {
 impl Finder {
     /// For what `view` shows; `None` if a form cannot be fitted.
     #[must_use]
-    pub(super) fn new<S: volume::Sample>(view: &View<'_, S>) -> Option<Self> {
+    pub(super) fn new(view: &View<'_>) -> Option<Self> {
         let per_voxel = view.units.per_voxel;
         let n = AROUND as isize;
         let all = |n: isize| {
@@ -111,7 +111,7 @@ impl Finder {
 
     /// The ridge at a voxel, if there is one.
     #[must_use]
-    pub(super) fn at<S: volume::Sample>(&self, slab: Slab<'_, S>, voxel: [usize; 3]) -> Option<Ridge> {
+    pub(super) fn at(&self, slab: &dyn Greys, voxel: [usize; 3]) -> Option<Ridge> {
         let grey = |o: [isize; 3]| grey_at(slab, voxel, o);
         let own = grey([0; 3])?;
         let least = 4.0 * self.noise;
@@ -182,7 +182,7 @@ impl Finder {
 }
 
 /// The grey value of the voxel at an offset, if it is here.
-fn grey_at<S: volume::Sample>(slab: Slab<'_, S>, voxel: [usize; 3], o: [isize; 3]) -> Option<f64> {
+fn grey_at(slab: &dyn Greys, voxel: [usize; 3], o: [isize; 3]) -> Option<f64> {
     let (size, slices) = (slab.size(), slab.slices());
     let mut at = [0; 3];
     for a in 0..3 {

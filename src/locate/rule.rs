@@ -20,10 +20,9 @@ const FLATTEST: f64 = 1e-3;
 const LEFT: f64 = 0.2;
 
 /// What the models say, for a part of the volume; where they say nothing another rule does.
-#[derive(Debug)]
-pub struct Located<'a, C> {
+pub struct Located<'a> {
     /// Where nothing is known.
-    pub otherwise: C,
+    pub otherwise: &'a dyn CrossingRule,
     /// Voxels that sites speak for.
     pub zone: &'a BitPlanes,
     /// Curves.
@@ -49,7 +48,7 @@ pub struct Found {
     pub sigma: f64,
 }
 
-impl<C: CrossingRule> Located<'_, C> {
+impl Located<'_> {
     /// The crossing on an edge, in padded coordinates.
     #[must_use]
     pub fn find(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found> {
@@ -139,7 +138,7 @@ fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     })
 }
 
-impl<C: CrossingRule> Located<'_, C> {
+impl Located<'_> {
     /// Where a curve of the asked kind passes the plane of the face across `axis` with lowest padded corner `low`, in voxels,
     /// and its standard deviation in voxels; `None` if far from the face.
     pub(super) fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<(DVec3, f64)> {
@@ -178,7 +177,7 @@ const ASIDE: f64 = 0.25;
 /// A curve is followed so far along from the middle of its fit, blur units.
 pub(super) const FAR: f64 = 4.5;
 
-impl<C: CrossingRule> CrossingRule for Located<'_, C> {
+impl CrossingRule for Located<'_> {
     #[inline]
     fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
         self.located(from, axis, labels).unwrap_or(0.5)

@@ -37,7 +37,6 @@ use super::slab_model::{Slab, Start, fit_slab, peak};
 use super::thin_faces::{TAINTED, WINDOW, explains, label_at, levels, strange};
 use super::view::{Scan, Seen, View};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// A slab speaks for places so far from its seed's foot along it, and so far beyond its faces; blur units.
 const ASIDE: f64 = 2.6;
@@ -101,7 +100,7 @@ struct Seed {
 
 /// The voxels of the slices `core` that belong to thin parts, or lie beside them, and are not labelled so; ascending.
 #[must_use]
-pub fn find_thin<S: volume::Sample>(view: &View<'_, S>, core: Range<usize>) -> Vec<Relabelled> {
+pub fn find_thin(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
     let Some(finder) = Finder::new(view) else { return Vec::new() };
     let far = (FAR / view.units.per_voxel.z).ceil() as usize + 1;
     let slices = core.start.saturating_sub(far)..(core.end + far).min(view.slab.size()[2]);
@@ -126,18 +125,18 @@ pub fn find_thin<S: volume::Sample>(view: &View<'_, S>, core: Range<usize>) -> V
 }
 
 /// The seeds of a layer of blocks.
-fn seeds<S: volume::Sample>(view: &View<'_, S>, finder: &Finder, layer: usize) -> Vec<Seed> {
+fn seeds(view: &View<'_>, finder: &Finder, layer: usize) -> Vec<Seed> {
     let size = view.slab.size();
     let slices =
         (layer * BLOCK).max(view.slab.slices().start)..((layer + 1) * BLOCK).min(view.slab.slices().end);
     let mut found: Vec<([usize; 2], bool, Seed)> = Vec::new();
     for z in slices {
         for y in 0..size[1] {
-            for (x, grey) in view.slab.row(y, z).iter().enumerate() {
+            for x in 0..size[0] {
                 let voxel = [x, y, z];
                 let label = view.label(voxel);
                 let is_thin = view.scan.is_thin.get(usize::from(label.0)).is_some_and(|t| *t);
-                if view.scan.class(grey.to_f32()) == label && !view.is_uncertain(voxel) && !is_thin {
+                if view.scan.class(view.slab.grey(voxel)) == label && !view.is_uncertain(voxel) && !is_thin {
                     continue;
                 }
                 if let Some(ridge) = finder.at(view.slab, voxel) {
@@ -165,7 +164,7 @@ impl Scan {
 }
 
 /// What is at a seed.
-fn understand<S: volume::Sample>(view: &View<'_, S>, seed: &Seed) -> Option<Thin> {
+fn understand(view: &View<'_>, seed: &Seed) -> Option<Thin> {
     let ridge = &seed.ridge;
     let place = DVec3::from(seed.voxel.map(|c| c as f64)) + view.units.voxel(ridge.offset);
     let count = view.scan.noise.len();
@@ -236,8 +235,8 @@ fn bisect(value: f64, rising: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// Fits a slab about a place; with its misfit per voxel.
-fn slab_at<S: volume::Sample>(
-    view: &View<'_, S>,
+fn slab_at(
+    view: &View<'_>,
     place: DVec3,
     normal: DVec3,
     share: f64,
@@ -269,8 +268,8 @@ fn slab_at<S: volume::Sample>(
 }
 
 /// Fits a ball about a place; with its misfit per voxel.
-fn ball_at<S: volume::Sample>(
-    view: &View<'_, S>,
+fn ball_at(
+    view: &View<'_>,
     place: DVec3,
     peak: f64,
     materials: [MaterialId; 2],
@@ -305,12 +304,7 @@ struct Claim {
 }
 
 /// What is said of the voxels of the slices `core`.
-fn claims<S: volume::Sample>(
-    view: &View<'_, S>,
-    seed: &Seed,
-    thin: &Thin,
-    core: &Range<usize>,
-) -> Vec<Claim> {
+fn claims(view: &View<'_>, seed: &Seed, thin: &Thin, core: &Range<usize>) -> Vec<Claim> {
     let place = DVec3::from(seed.voxel.map(|c| c as f64)) + view.units.voxel(seed.ridge.offset);
     let radius = match thin {
         Thin::Slab(slab, _) => ASIDE.hypot(slab.half() + BEYOND).max(RIM) + 1.0,
@@ -339,8 +333,8 @@ fn claims<S: volume::Sample>(
 }
 
 /// What is said of a place (blur units from the window's middle): how surely, its material, and those it is about.
-fn says<'a, S: volume::Sample>(
-    view: &View<'_, S>,
+fn says<'a>(
+    view: &View<'_>,
     thin: &'a Thin,
     at: DVec3,
     voxel: [usize; 3],
@@ -384,8 +378,8 @@ fn says<'a, S: volume::Sample>(
 }
 
 /// What a voxel beyond the rim of a slab is, if the material of its sides has closed around the rim there.
-fn rim<S: volume::Sample>(
-    view: &View<'_, S>,
+fn rim(
+    view: &View<'_>,
     slab: &Slab,
     materials: [MaterialId; 3],
     at: DVec3,

@@ -16,7 +16,6 @@ use super::sheet::{LevelPrior, Sample, Sheet};
 use super::slab_model::{Slab, Start, fit_slab};
 use super::view::{Seen, View};
 use crate::grid::MaterialId;
-use crate::volume;
 
 /// Two faces farther apart than this are single sheets, blur units.
 const THICK: f64 = 4.2;
@@ -57,8 +56,8 @@ pub(super) enum ThinFace {
 
 /// The face of something thin through about `centre` (voxels), where the materials of `pair` meet, about across
 /// `direction`, in which their surface's areas are; `None` if nothing is thin there.
-pub(super) fn thin_face<S: volume::Sample>(
-    view: &View<'_, S>,
+pub(super) fn thin_face(
+    view: &View<'_>,
     centre: DVec3,
     pair: [MaterialId; 2],
     direction: DVec3,
@@ -106,12 +105,7 @@ fn moved(mut ball: Ball, by: DVec3) -> Ball {
 }
 
 /// How far `own` reaches from `centre` in a direction (blur units), and what is behind it; `None` if it reaches far.
-fn next<S: volume::Sample>(
-    view: &View<'_, S>,
-    centre: DVec3,
-    direction: DVec3,
-    own: MaterialId,
-) -> Option<(f64, MaterialId)> {
+fn next(view: &View<'_>, centre: DVec3, direction: DVec3, own: MaterialId) -> Option<(f64, MaterialId)> {
     let mut entered = false;
     let mut left: Option<(f64, MaterialId)> = None;
     for k in 1..=(WIDE / STEP) as usize + 1 {
@@ -133,7 +127,7 @@ fn next<S: volume::Sample>(
 }
 
 /// The label at a place; `None` where there are no voxels.
-pub(super) fn label_at<S: volume::Sample>(view: &View<'_, S>, place: DVec3) -> Option<MaterialId> {
+pub(super) fn label_at(view: &View<'_>, place: DVec3) -> Option<MaterialId> {
     let voxel = place.round();
     let size = view.slab.size().map(|n| n as f64);
     let here = (0..3).all(|a| voxel[a] >= 0.0 && voxel[a] < size[a]);
@@ -142,13 +136,7 @@ pub(super) fn label_at<S: volume::Sample>(view: &View<'_, S>, place: DVec3) -> O
 }
 
 /// Whether what is inside at `middle` ends on all sides about as near as across `normal`.
-fn is_round<S: volume::Sample>(
-    view: &View<'_, S>,
-    middle: DVec3,
-    normal: DVec3,
-    radius: f64,
-    inside: MaterialId,
-) -> bool {
+fn is_round(view: &View<'_>, middle: DVec3, normal: DVec3, radius: f64, inside: MaterialId) -> bool {
     let (u, v) = normal.any_orthonormal_pair();
     let farthest = 1.6 * radius + 1.0;
     [u, -u, v, -v].into_iter().all(|direction| {
@@ -161,8 +149,8 @@ fn is_round<S: volume::Sample>(
 }
 
 /// Levels about a place, and the noise that fits weigh by.
-pub(super) fn levels<S: volume::Sample, const N: usize>(
-    view: &View<'_, S>,
+pub(super) fn levels<const N: usize>(
+    view: &View<'_>,
     at: DVec3,
     materials: [MaterialId; N],
 ) -> ([LevelPrior; N], f64) {
@@ -218,8 +206,8 @@ pub(super) fn strange(
 }
 
 /// Fits a slab about `middle` (voxels). `materials`: before, within and after.
-fn slab_around<S: volume::Sample>(
-    view: &View<'_, S>,
+fn slab_around(
+    view: &View<'_>,
     middle: DVec3,
     normal: DVec3,
     thickness: f64,
@@ -288,8 +276,8 @@ fn across(seen: &[Seen], normal: DVec3, levels: [f64; 3]) -> DVec3 {
 }
 
 /// Fits a ball about `middle` (voxels). `materials`: inside and outside.
-fn ball_around<S: volume::Sample>(
-    view: &View<'_, S>,
+fn ball_around(
+    view: &View<'_>,
     middle: DVec3,
     radius: f64,
     materials: [MaterialId; 2],

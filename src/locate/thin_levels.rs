@@ -27,7 +27,6 @@ use super::thin_faces::{WINDOW, explains, levels};
 use super::view::{Scan, View};
 use crate::grid::MaterialId;
 use crate::material::Levels;
-use crate::volume;
 
 /// Places at most, and at least.
 const KEPT: usize = 400;
@@ -92,7 +91,7 @@ impl Places {
     }
 
     /// Adds those of the slices `core`.
-    pub fn add<S: volume::Sample>(&mut self, view: &View<'_, S>, core: Range<usize>) {
+    pub fn add(&mut self, view: &View<'_>, core: Range<usize>) {
         let Some(finder) = Finder::new(view) else { return };
         let material = self.material;
         let layers = core.start.div_ceil(BLOCK)..core.end.div_ceil(BLOCK);
@@ -108,8 +107,8 @@ impl Places {
 }
 
 /// The clearest ridge of each block of a layer.
-fn blocks<S: volume::Sample>(
-    view: &View<'_, S>,
+fn blocks(
+    view: &View<'_>,
     finder: &Finder,
     material: MaterialId,
     layer: usize,
@@ -134,8 +133,8 @@ fn blocks<S: volume::Sample>(
     found.into_iter().map(|f| (hash(f.1), f.1, f.2)).collect()
 }
 
-fn place<S: volume::Sample>(
-    view: &View<'_, S>,
+fn place(
+    view: &View<'_>,
     (hash, voxel, ridge): (u64, [usize; 3], Ridge),
     material: MaterialId,
 ) -> Option<Place> {

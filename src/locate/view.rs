@@ -7,7 +7,7 @@ use super::sheet::{LevelPrior, Reading, Sample};
 use crate::classify::{BitPlanes, LabelVolume};
 use crate::grid::MaterialId;
 use crate::material::{Levels, Misfit};
-use crate::volume::{self, Slab};
+use crate::volume::Greys;
 
 /// What is known of a scan before its interfaces are located.
 #[derive(Debug, Clone)]
@@ -52,12 +52,12 @@ impl Scan {
 
     /// The scan, seen through some slices.
     #[must_use]
-    pub fn view<'a, S>(
+    pub fn view<'a>(
         &'a self,
-        slab: Slab<'a, S>,
+        slab: &'a dyn Greys,
         labels: &'a LabelVolume,
         uncertain: &'a BitPlanes,
-    ) -> View<'a, S> {
+    ) -> View<'a> {
         View { scan: self, slab, labels, uncertain, units: self.units }
     }
 }
@@ -67,9 +67,9 @@ const CLIPPED: f64 = 0.01;
 const UNSEEN: f64 = 0.5;
 
 /// Grey values and labels of some slices, and what is known of the scan.
-pub struct View<'a, S> {
+pub struct View<'a> {
     /// Grey values.
-    pub slab: Slab<'a, S>,
+    pub slab: &'a dyn Greys,
     /// Labels of the same slices.
     pub labels: &'a LabelVolume,
     /// Voxels that no single interface explains: labels are not certain, or a curve is near.
@@ -91,7 +91,7 @@ pub struct Seen {
     pub sample: Sample,
 }
 
-impl<S: volume::Sample> View<'_, S> {
+impl View<'_> {
     /// The label of a voxel.
     #[inline]
     #[must_use]
@@ -122,15 +122,14 @@ impl<S: volume::Sample> View<'_, S> {
                 if half < 0.0 {
                     continue;
                 }
-                let row = self.slab.row(y, z);
-                for (x, value) in row.iter().enumerate().take(end[0]).skip(low[0]) {
+                for x in low[0]..end[0] {
                     let at = flat + DVec3::X * ((x as f64 - centre.x) * self.units.per_voxel.x);
                     if at.x * at.x > half {
                         continue;
                     }
                     let label = self.label([x, y, z]);
                     let slope = drift.get(usize::from(label.0)).copied().unwrap_or(DVec3::ZERO);
-                    let grey = f64::from(value.to_f32()) - slope.dot(at);
+                    let grey = f64::from(self.slab.grey([x, y, z])) - slope.dot(at);
                     out.push(Seen {
                         label,
                         uncertain: self.is_uncertain([x, y, z]),

@@ -13,7 +13,7 @@ use crate::grid::MaterialId;
 /// A crossing keeps this distance from the curve at which its sheet ends, blur units: triangles between the two need a height.
 const OFF_CURVE: f64 = 0.2;
 
-impl<C: CrossingRule> Located<'_, C> {
+impl Located<'_> {
     /// The point of a curve nearest to a place (voxels).
     fn on_curve(&self, kind: CurveKind, place: DVec3) -> Option<Node> {
         let (at, sigma) = self.sites.nearest(kind, place, FAR)?;
@@ -21,7 +21,7 @@ impl<C: CrossingRule> Located<'_, C> {
     }
 }
 
-impl<C: CrossingRule> Wishes for Located<'_, C> {
+impl Wishes for Located<'_> {
     fn speaks(&self, low: [usize; 3]) -> bool {
         (0..8).any(|c| self.zone.bit(0, low[0] + (c & 1), low[1] + (c >> 1 & 1), low[2] + (c >> 2)))
     }

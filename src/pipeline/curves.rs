@@ -92,7 +92,7 @@ fn refined<S: Sample>(
         let mut places = Places::new(material);
         window.sweep(slices, halo(scan.units), |slab, core| {
             let (labels, uncertain) = part(store, slab)?;
-            places.add(&scan.view(slab, &labels, &uncertain), core);
+            places.add(&scan.view(&slab, &labels, &uncertain), core);
             Ok::<_, PipelineError>(())
         })?;
         if let Some(found) = places.suit(&scan, scan.is_blur_known) {
@@ -124,7 +124,7 @@ pub(super) fn locate<S: Sample>(
         let mut thin = Vec::new();
         window.sweep(slices, thin_reach(scan.units), |slab, core| {
             let (labels, uncertain) = part(store, slab)?;
-            thin.append(&mut find_thin(&scan.view(slab, &labels, &uncertain), core.clone()));
+            thin.append(&mut find_thin(&scan.view(&slab, &labels, &uncertain), core.clone()));
             Ok::<_, PipelineError>(done(&stage, &core)?)
         })?;
         store.relabel(thin.iter().map(|t| (t.voxel, t.material)))?;
@@ -132,20 +132,20 @@ pub(super) fn locate<S: Sample>(
     let mut junctions = Vec::new();
     window.sweep(slices, reach, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
-        junctions.append(&mut find_junctions(&scan.view(slab, &labels, &uncertain), core.clone()));
+        junctions.append(&mut find_junctions(&scan.view(&slab, &labels, &uncertain), core.clone()));
         Ok::<_, PipelineError>(done(&stage, &core)?)
     })?;
     let junctions = Sites::new(scan.units, junctions);
     let mut sheets = Sheets::default();
     window.sweep(slices, reach, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
-        sheets.append(find_sheets(&scan.view(slab, &labels, &uncertain), &junctions, core.clone()));
+        sheets.append(find_sheets(&scan.view(&slab, &labels, &uncertain), &junctions, core.clone()));
         Ok::<_, PipelineError>(done(&stage, &core)?)
     })?;
     let mut curves = Vec::new();
     window.sweep(slices, reach, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
-        let view = scan.view(slab, &labels, &uncertain);
+        let view = scan.view(&slab, &labels, &uncertain);
         curves.append(&mut find_curves(&view, &junctions, &sheets, core.clone()));
         Ok::<_, PipelineError>(done(&stage, &core)?)
     })?;

@@ -122,9 +122,10 @@ impl Surface<'_> {
         window.sweep(self.slices, locate::halo(scan.units) + 1 + Surroundings::BEYOND, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             let (labels, junction) = curves::part(store, slab)?;
-            let view = scan.view(slab, &labels, &junction);
+            let view = scan.view(&slab, &labels, &junction);
             let models = models(&view, sites, core.clone(), Surroundings::BEYOND);
-            let rule = located(Thresholds::new(slab, &junction, materials), scan, sites, &models, None);
+            let otherwise = Thresholds::new(slab, &junction, materials);
+            let rule = located(&otherwise, scan, sites, &models, None);
             around.append(surroundings(&models.labels, &rule, self.border, layers, self.execution)?);
             if core.len() == slab.size()[2] {
                 kept = Some(models);
@@ -157,10 +158,10 @@ impl Surface<'_> {
                     let (labels, junction) = curves::part(store, slab)?;
                     let Curves { scan, sites, known } = curves;
                     let models = known.models.take().unwrap_or_else(|| {
-                        models(&scan.view(slab, &labels, &junction), sites, core.clone(), 0)
+                        models(&scan.view(&slab, &labels, &junction), sites, core.clone(), 0)
                     });
                     let otherwise = Thresholds::new(slab, &junction, materials);
-                    let rule = located(otherwise, scan, sites, &models, Some(&known.moves));
+                    let rule = located(&otherwise, scan, sites, &models, Some(&known.moves));
                     out.march(&models.labels, &rule, layers)
                 }
                 Crossings::Thresholds { store, materials, .. } => {
@@ -206,9 +207,9 @@ impl Surface<'_> {
             match &mut crossings {
                 Crossings::Thresholds { store, materials, .. } if let Some((scan, sites)) = curves => {
                     let (labels, junction) = curves::part(store, slab)?;
-                    let models = models(&scan.view(slab, &labels, &junction), sites, core.clone(), HALO);
+                    let models = models(&scan.view(&slab, &labels, &junction), sites, core.clone(), HALO);
                     let otherwise = Thresholds::new(slab, &junction, materials);
-                    let rule = located(otherwise, scan, sites, &models, None);
+                    let rule = located(&otherwise, scan, sites, &models, None);
                     let labels = &models.labels;
                     let rule = LocatedHermite::new(&rule, slab, labels, spacing, normals, &qualities);
                     builder.add(labels, &rule, layers, self.execution, &stage)?;
@@ -254,13 +255,13 @@ impl Surface<'_> {
 }
 
 /// The rule of crossings by models.
-fn located<'a, C: CrossingRule>(
-    otherwise: C,
+fn located<'a>(
+    otherwise: &'a dyn CrossingRule,
     scan: &Scan,
     sites: &'a Sites,
     models: &'a locate::Models,
     moves: Option<&'a Moves>,
-) -> Located<'a, C> {
+) -> Located<'a> {
     let locate::Models { zone, patches, .. } = models;
     Located { otherwise, zone, sites, patches, units: scan.units, inflation: scan.inflation, moves }
 }

@@ -41,7 +41,7 @@ pub use raw::RawLayout;
 pub use region::RegionOfInterest;
 pub use respaced::Respaced;
 pub use samples::{Sample, SampleType, Samples};
-pub use slab::Slab;
+pub use slab::{Greys, Slab};
 pub use slices::SliceReader;
 pub use source::{MemorySource, VolumeSource};
 pub use window::{SampleWindow, sweep_bytes};

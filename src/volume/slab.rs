@@ -4,6 +4,36 @@ use std::ops::Range;
 
 use super::Sample;
 
+/// Grey values of consecutive whole slices, whatever type the samples have: for stages whose work by far outweighs a call
+/// for each grey value, and which are then compiled once for all types.
+pub trait Greys: Sync {
+    /// Voxels per axis of the whole volume.
+    fn size(&self) -> [usize; 3];
+
+    /// The slices that are here.
+    fn slices(&self) -> Range<usize>;
+
+    /// The grey value of voxel (x, y, z).
+    ///
+    /// # Panics
+    /// If slice z is not here.
+    fn grey(&self, voxel: [usize; 3]) -> f32;
+}
+
+impl<S: Sample> Greys for Slab<'_, S> {
+    fn size(&self) -> [usize; 3] {
+        self.size
+    }
+
+    fn slices(&self) -> Range<usize> {
+        Slab::slices(self)
+    }
+
+    fn grey(&self, voxel: [usize; 3]) -> f32 {
+        Slab::grey(self, voxel)
+    }
+}
+
 /// Samples of consecutive whole slices of a volume, x fastest. Voxels keep the coordinates that they
 /// have in the whole volume, so that a stage computes the same from a slab as from all of it.
 #[derive(Debug, Clone, Copy)]
