@@ -21,7 +21,7 @@ use super::flat_starts::{self, meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
+use super::wedge::{EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
 
 /// Voxels along a block whose junction cells share a fit.
@@ -359,7 +359,7 @@ fn finish(
         && fit.explains(&prior.reading, range_of(&prior.levels))
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA
         && fit.wedge.angles().iter().all(|a| *a > SMALLEST_ANGLE);
-    if !accepted {
+    if !accepted || !needs_all(&fit, &samples, prior) {
         return None;
     }
     let at = middle + view.units.voxel(fit.wedge.point(0.0));
@@ -370,6 +370,31 @@ fn finish(
 fn wide(wedge: &Wedge<3, JUNCTION>) -> f64 {
     let narrowest = wedge.angles().into_iter().fold(f64::INFINITY, f64::min);
     (HALF_WIDTH / (0.5 * narrowest).tan()).clamp(FULL, WIDEST)
+}
+
+/// Sectors narrower than this must be needed, radians: a blurred step between two materials passes the level of one
+/// between them, and labels there may show it.
+const NARROW: f64 = 1.05;
+/// By how much the grey values must be explained better with it than without, chi squared.
+const EVIDENCE: f64 = 50.0;
+
+/// Whether the grey values show the narrowest sector: whether its two neighbours, meeting in one sheet in its place, explain them less.
+fn needs_all(fit: &WedgeFit<3, JUNCTION>, samples: &[Sample], prior: &Prior<3>) -> bool {
+    let angles = fit.wedge.angles();
+    let i = (0..3).fold(0, |least, i| if angles[i] < angles[least] { i } else { least });
+    if angles[i] > NARROW {
+        return true;
+    }
+    let (next, last) = ((i + 1) % 3, (i + 2) % 3);
+    let rays = fit.wedge.rays(0.0);
+    let Some(instead) = (rays[i] + rays[next]).try_normalize() else { return true };
+    let levels = [prior.levels[next], prior.levels[last]];
+    let (origin, direction) = (fit.wedge.point(0.0), fit.wedge.direction(0.0));
+    let wedge = Wedge::<2, EDGE>::new(origin, direction, [instead, rays[last]], levels.map(|l| l.mean));
+    let Prior { reading, log_sigma, curvature, .. } = *prior;
+    let prior = Prior { levels, reading, log_sigma, curvature, bends: [None; 2] };
+    let without = wedge.fit(samples, &[], &prior, Stage::Planar).map(|w| w.or_curved(samples, &[], &prior));
+    without.is_none_or(|w| w.fit.chi2 + w.fit.strain > fit.fit.chi2 + EVIDENCE)
 }
 
 /// Difference of the largest and the smallest level.

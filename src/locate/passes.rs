@@ -22,7 +22,7 @@ use super::junction_sites::{blocks_of, junction_sites, refine};
 use super::patches::{BLOCK, Flat, Patches, Rough};
 use super::site::Site;
 use super::sites::Sites;
-use super::specks::remove_specks;
+use super::specks::{self, remove_specks};
 use super::view::View;
 use crate::classify::{BitPlanes, LabelVolume};
 
@@ -32,7 +32,8 @@ pub fn halo(units: BlurUnits) -> usize {
     // A window's middle is moved, then a ball is taken about it; and labels are looked at around.
     let unit = 1.0 / units.per_voxel.z;
     // From patches it starts farther off, but labels are not looked at there.
-    (10.0 * unit + 8.0).max((flat_starts::FARTHEST + 9.2) * unit).ceil() as usize
+    // Islands are judged by what is within `specks::FAR` of them.
+    (10.0 * unit + 8.0 + specks::FAR as f64).max((flat_starts::FARTHEST + 9.2) * unit).ceil() as usize
 }
 
 /// [`halo`] at most: for a blur of sigma 2.6 voxels along z. Models are not used for a wider one.
@@ -161,7 +162,7 @@ impl Relabelled {
         let planes = || BitPlanes::window(before.slab.size(), 1, labels.codes().slices());
         let (mut zone, mut uncertain) = (planes(), planes());
         sites.relabel(&mut labels, &mut zone, &mut uncertain);
-        remove_specks(&mut labels, &zone);
+        remove_specks(&mut labels, before.labels, &zone);
         let rows = uncertain.padded()[1];
         uncertain.fill_slices(|z, mut slice| {
             for y in 0..rows {

@@ -1,8 +1,13 @@
-//! Specks: a few voxels of a material that sites which disagree leave between them, or beside what they say.
+//! Specks and islands: voxels of a material that sites which disagree, or speak where they should not, leave between them
+//! or beside what they say. They would be shells of their own.
 //!
-//! They would be shells of their own. Where curves have been heard, what hangs together by faces of at most [`MOST`] voxels
-//! becomes the material that most of its neighbours have. A true part so small is far below what is safe
-//! (`docs/locate.md`).
+//! *Specks* are up to [`MOST`] voxels that hang together by faces: they become the material that most of their neighbours
+//! have. A true part so small is far below what is safe (`docs/locate.md`). *Islands* are larger, within a box
+//! of [`FAR`] voxels about their first or last voxel, and were no part of their own before curves were heard: they are new,
+//! or cut off from something larger. No model has looked for a part there (thin parts are labelled before), so what curves
+//! said of them and around them is taken back; what is an island still becomes what is around it.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -10,10 +15,17 @@ use crate::classify::{BitPlanes, LabelVolume, WORD};
 use crate::grid::MaterialId;
 
 /// Voxels of the largest speck.
-const MOST: usize = 4;
+pub(super) const MOST: usize = 4;
+/// An island's voxels are no farther than this from its first or its last voxel along any axis, voxels.
+pub(super) const FAR: usize = 8;
+/// What was no farther than this before was a part of its own.
+const WAS: usize = 12;
+/// Rounds of taking back, which may leave other islands, and of filling.
+const ROUNDS: [bool; 3] = [true, false, false];
 
-/// Removes specks in and beside `zone`, in the slices that `labels` holds.
-pub(super) fn remove_specks(labels: &mut LabelVolume, zone: &BitPlanes) {
+/// Removes specks and islands in and beside `zone`, in the slices that `labels` holds; `before` are the labels before curves
+/// were heard.
+pub(super) fn remove_specks(labels: &mut LabelVolume, before: &LabelVolume, zone: &BitPlanes) {
     let rows = labels.codes().voxel_slices().into_par_iter();
     let height = labels.size()[1];
     let voxels: Vec<[usize; 3]> = rows
@@ -25,36 +37,157 @@ pub(super) fn remove_specks(labels: &mut LabelVolume, zone: &BitPlanes) {
             })
         })
         .collect();
+    for take_back in ROUNDS {
+        let now = &*labels;
+        let mut found: Vec<Part> = voxels
+            .par_iter()
+            .flat_map_iter(|voxel| touched(now, *voxel))
+            .filter(|voxel| is_end(now, *voxel))
+            .filter_map(|voxel| island(now, before, voxel))
+            .collect();
+        if found.is_empty() {
+            break;
+        }
+        found.par_sort_unstable();
+        found.dedup();
+        if take_back {
+            for voxel in found.iter().flat_map(|(part, _)| part).flat_map(|v| around(*v)) {
+                if is_voxel(labels, &voxel) {
+                    let was = before.at(voxel);
+                    labels.set(voxel, was);
+                }
+            }
+        } else {
+            apply(labels, found);
+        }
+    }
     settle(labels, &voxels, MOST);
+}
+
+/// Voxels that hang together, and what they are to become.
+type Part = (Vec<[usize; 3]>, MaterialId);
+
+fn apply(labels: &mut LabelVolume, found: Vec<Part>) {
+    for (part, material) in found {
+        for voxel in part {
+            labels.set(voxel, material);
+        }
+    }
 }
 
 /// Removes the specks of up to `most` voxels that these voxels (padded) are of or touch. Every speck is judged by the labels as
 /// they were, so the order does not matter.
 pub(super) fn settle(labels: &mut LabelVolume, voxels: &[[usize; 3]], most: usize) {
     let before = &*labels;
-    let (slices, size) = (before.codes().voxel_slices(), before.size());
-    let is_voxel = |v: &[usize; 3]| (0..2).all(|a| (1..=size[a]).contains(&v[a])) && slices.contains(&v[2]);
-    let found: Vec<([usize; 3], MaterialId)> = voxels
+    let found: Vec<Part> = voxels
         .par_iter()
         .flat_map_iter(|&voxel| {
-            let all = std::iter::once(voxel).chain(neighbours(voxel));
-            let specks = all.filter(is_voxel).filter_map(|at| speck(before, at, most));
-            specks
-                .flat_map(|(part, material)| part.into_iter().map(move |v| (v, material)))
-                .collect::<Vec<_>>()
+            touched(before, voxel).filter_map(|at| speck(before, at, most)).collect::<Vec<_>>()
         })
         .collect();
-    for (voxel, material) in found {
-        labels.set(voxel, material);
-    }
+    apply(labels, found);
+}
+
+/// Whether a place (padded) is a voxel that is held.
+fn is_voxel(labels: &LabelVolume, v: &[usize; 3]) -> bool {
+    let size = labels.size();
+    (0..2).all(|a| (1..=size[a]).contains(&v[a])) && labels.codes().voxel_slices().contains(&v[2])
+}
+
+/// A voxel and those that it shares faces with.
+fn touched(labels: &LabelVolume, voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    std::iter::once(voxel).chain(neighbours(voxel)).filter(|v| is_voxel(labels, v))
 }
 
 fn neighbours([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1], [x, y, z + 1]].into_iter()
 }
 
+/// A voxel and the 26 around it.
+fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
+}
+
+/// Whether a voxel may be the first or the last of what hangs together with it.
+fn is_end(labels: &LabelVolume, voxel: [usize; 3]) -> bool {
+    let own = labels.at(voxel);
+    let other = |sides: Range<usize>| {
+        let mut all = sides.map(|a| {
+            let mut at = voxel;
+            at[a % 3] = if a < 3 { at[a] - 1 } else { at[a - 3] + 1 };
+            labels.codes().slices().contains(&at[2]) && labels.at(at) != own
+        });
+        all.all(|differs| differs)
+    };
+    other(0..3) || other(3..6)
+}
+
+/// The voxels (ascending) that hang together with `from` and have its label, if they are all held and within `far` of
+/// `middle` along each axis.
+fn part_within(
+    labels: &LabelVolume,
+    from: [usize; 3],
+    middle: [usize; 3],
+    far: usize,
+) -> Option<Vec<[usize; 3]>> {
+    let side = 2 * far + 1;
+    let held = labels.codes().slices();
+    let own = labels.at(from);
+    let mut seen = vec![0u64; (side * side * side).div_ceil(64)];
+    let mut mark = |v: &[usize; 3]| -> Option<bool> {
+        let [x, y, z]: [usize; 3] = std::array::from_fn(|a| (v[a] + far).wrapping_sub(middle[a]));
+        if x.max(y).max(z) >= side {
+            return None;
+        }
+        let index = (z * side + y) * side + x;
+        let is_new = seen[index / 64] >> (index % 64) & 1 == 0;
+        seen[index / 64] |= 1 << (index % 64);
+        Some(is_new)
+    };
+    mark(&from)?;
+    let mut part = vec![from];
+    let mut open = vec![from];
+    // Depth first: what is large is soon left.
+    while let Some(voxel) = open.pop() {
+        for at in neighbours(voxel) {
+            if !held.contains(&at[2]) {
+                return None;
+            }
+            if labels.at(at) == own && mark(&at)? {
+                part.push(at);
+                open.push(at);
+            }
+        }
+    }
+    part.sort_unstable();
+    Some(part)
+}
+
+/// The island whose first or last voxel this is (padded), and what is around it.
+fn island(labels: &LabelVolume, before: &LabelVolume, voxel: [usize; 3]) -> Option<Part> {
+    let own = labels.at(voxel);
+    let part = part_within(labels, voxel, voxel, FAR)?;
+    let was_there = |at: &[usize; 3]| before.at(*at) == own && part_within(before, *at, voxel, WAS).is_some();
+    if part.iter().any(was_there) {
+        return None;
+    }
+    let beside = part.iter().flat_map(|v| neighbours(*v)).map(|at| labels.at(at)).filter(|m| *m != own);
+    let material = commonest(beside.collect())?;
+    Some((part, material))
+}
+
+/// The most frequent, of several the lowest; never the world outside.
+fn commonest(mut all: Vec<MaterialId>) -> Option<MaterialId> {
+    all.retain(|m| *m != MaterialId::OUTSIDE);
+    all.sort_unstable();
+    let more = |best: Option<(usize, MaterialId)>, group: &[MaterialId]| {
+        best.filter(|b| b.0 >= group.len()).or(Some((group.len(), group[0])))
+    };
+    all.chunk_by(|a, b| a == b).fold(None, more).map(|b| b.1)
+}
+
 /// The speck that a voxel (padded) is of, and what it is to become; `None` if it is of none.
-fn speck(labels: &LabelVolume, voxel: [usize; 3], most: usize) -> Option<(Vec<[usize; 3]>, MaterialId)> {
+fn speck(labels: &LabelVolume, voxel: [usize; 3], most: usize) -> Option<Part> {
     let held = labels.codes().slices();
     let own = labels.at(voxel);
     let mut part = vec![voxel];
@@ -78,14 +211,7 @@ fn speck(labels: &LabelVolume, voxel: [usize; 3], most: usize) -> Option<(Vec<[u
         }
         next += 1;
     }
-    // The most frequent, of several the lowest; never the world outside.
-    around.retain(|m| *m != MaterialId::OUTSIDE);
-    around.sort_unstable();
-    let commonest = |best: Option<(usize, MaterialId)>, group: &[MaterialId]| {
-        best.filter(|b| b.0 >= group.len()).or(Some((group.len(), group[0])))
-    };
-    let (_, material) = around.chunk_by(|a, b| a == b).fold(None, commonest)?;
-    Some((part, material))
+    commonest(around).map(|material| (part, material))
 }
 
 #[cfg(test)]
@@ -120,10 +246,40 @@ mod tests {
         for voxel in [[3, 2, 2], [3, 5, 5], [1, 7, 2]] {
             set(&mut zone, voxel);
         }
-        remove_specks(&mut labels, &zone);
+        let before = labels.clone();
+        remove_specks(&mut labels, &before, &zone);
         let at = |[x, y, z]: [usize; 3]| labels.at([x + 1, y + 1, z + 1]).0;
         assert_eq!([at([2, 2, 2]), at([3, 5, 5])], [0, 0]);
         assert_eq!([at([2, 5, 5]), at([4, 5, 5])], [0, 0]);
         assert_eq!([at([1, 7, 2]), at([5, 7, 2]), at([8, 4, 4])], [2, 2, 1]);
+    }
+    #[test]
+    fn islands_are_taken_back_and_parts_that_were_there_stay() {
+        let size = [30, 20, 20];
+        let ball = |v: [usize; 3], centre: [usize; 3], squared: usize| {
+            (0..3).map(|a| v[a].abs_diff(centre[a]).pow(2)).sum::<usize>() <= squared
+        };
+        let volume = |label: &dyn Fn([usize; 3]) -> u8| {
+            let all = (0..size.iter().product::<usize>())
+                .map(|i| [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])]);
+            let grey: Vec<u8> = all.map(label).collect();
+            LabelVolume::from_labels(&grey, size).unwrap().0
+        };
+        // A wall; a ball that was there, and now is smaller; a rod of the wall's, now cut; one that is new.
+        let wall = |v: [usize; 3]| v[0] >= 26;
+        let rod = |v: [usize; 3]| v[0] >= 17 && ball([0, v[1], v[2]], [0, 5, 14], 3);
+        let before = volume(&|v| if ball(v, [6, 6, 6], 12) { 2 } else { u8::from(wall(v) || rod(v)) });
+        let mut labels = volume(&|v| {
+            let is_cut = rod(v) && v[0] != 23;
+            if ball(v, [6, 6, 6], 9) { 2 } else { u8::from(wall(v) || is_cut || ball(v, [15, 14, 5], 8)) }
+        });
+        let mut zone = BitPlanes::window(size, 1, labels.codes().slices());
+        for (z, y, x) in (0..20).flat_map(|z| (0..20).flat_map(move |y| (3..25).map(move |x| (z, y, x)))) {
+            zone.row_mut(0, y + 1, z + 1)[(x + 1) / WORD] |= 1 << ((x + 1) % WORD);
+        }
+        remove_specks(&mut labels, &before, &zone);
+        let at = |[x, y, z]: [usize; 3]| labels.at([x + 1, y + 1, z + 1]).0;
+        assert_eq!([at([6, 6, 6]), at([6, 6, 9]), at([15, 14, 5])], [2, 2, 0]);
+        assert_eq!([at([18, 5, 14]), at([23, 5, 14]), at([26, 5, 14])], [1, 1, 1]);
     }
 }

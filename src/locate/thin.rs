@@ -34,6 +34,7 @@ use super::patches::BLOCK;
 use super::ridges::{self, Finder, Ridge};
 use super::sheet::Sample;
 use super::slab_model::{Slab, Start, fit_slab, peak};
+use super::specks;
 use super::thin_faces::{TAINTED, WINDOW, explains, label_at, levels, strange};
 use super::view::{Scan, Seen, View};
 use crate::grid::MaterialId;
@@ -73,7 +74,7 @@ const FAR: f64 = 7.5;
 pub fn reach(units: BlurUnits) -> usize {
     // From a voxel to a seed that speaks for it, and from there to what its fit sees.
     let far = FAR + (WINDOW + TAINTED + 1.0).max(LARGEST + 3.0).max(ridges::REACH);
-    (far / units.per_voxel.z).ceil() as usize + BLOCK + ridges::AROUND
+    (far / units.per_voxel.z).ceil() as usize + BLOCK + ridges::AROUND + specks::MOST
 }
 
 /// A voxel that is decided anew.
@@ -103,13 +104,15 @@ struct Seed {
 pub fn find_thin(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
     let Some(finder) = Finder::new(view) else { return Vec::new() };
     let far = (FAR / view.units.per_voxel.z).ceil() as usize + 1;
-    let slices = core.start.saturating_sub(far)..(core.end + far).min(view.slab.size()[2]);
+    let around = |by: usize| core.start.saturating_sub(by)..(core.end + by).min(view.slab.size()[2]);
+    // What is a speck is told by what is around it.
+    let (wider, slices) = (around(specks::MOST), around(far + specks::MOST));
     let slices = slices.start.max(view.slab.slices().start)..slices.end.min(view.slab.slices().end);
     let layers = slices.start / BLOCK..slices.end.div_ceil(BLOCK);
     let seeds: Vec<Seed> = layers.into_par_iter().flat_map_iter(|b| seeds(view, &finder, b)).collect();
     let mut claims: Vec<Claim> = seeds
         .par_iter()
-        .flat_map_iter(|seed| understand(view, seed).map(|thin| claims(view, seed, &thin, &core)))
+        .flat_map_iter(|seed| understand(view, seed).map(|thin| claims(view, seed, &thin, &wider)))
         .flatten_iter()
         .collect();
     claims.par_sort_unstable_by(|a, b| {
@@ -121,7 +124,8 @@ pub fn find_thin(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
         view.is_uncertain(voxel) || view.label(voxel) != c.material
     };
     claims.retain(changes);
-    claims.into_iter().map(|c| Relabelled { voxel: c.voxel, material: c.material }).collect()
+    let kept = |c: &&Claim| core.contains(&(c.voxel[0] as usize)) && !is_speck(view, &claims, c);
+    claims.iter().filter(kept).map(|c| Relabelled { voxel: c.voxel, material: c.material }).collect()
 }
 
 /// The seeds of a layer of blocks.
@@ -161,6 +165,32 @@ impl Scan {
     fn class(&self, grey: f32) -> MaterialId {
         MaterialId(self.thresholds.iter().take_while(|t| grey >= **t).count() as u8)
     }
+}
+
+/// Whether a claim (of all, ascending) leaves no more than a few voxels that hang together.
+fn is_speck(view: &View<'_>, claims: &[Claim], claim: &Claim) -> bool {
+    let size = view.slab.size();
+    let mut part = vec![claim.voxel];
+    let mut next = 0;
+    while next < part.len() {
+        for k in 0..6 {
+            let mut at = part[next];
+            at[k / 2] = if k % 2 == 0 { at[k / 2].wrapping_sub(1) } else { at[k / 2] + 1 };
+            let voxel = [at[2], at[1], at[0]].map(|c| c as usize);
+            if (0..3).any(|a| voxel[a] >= size[a]) || part.contains(&at) {
+                continue;
+            }
+            let claimed = claims.binary_search_by(|c| c.voxel.cmp(&at)).ok().map(|i| claims[i].material);
+            if claimed.unwrap_or_else(|| view.label(voxel)) == claim.material {
+                part.push(at);
+            }
+        }
+        if part.len() > specks::MOST {
+            return false;
+        }
+        next += 1;
+    }
+    true
 }
 
 /// What is at a seed.
