@@ -1,0 +1,57 @@
+//! Topology by local models ([`Accuracy::Full`]) over rotations, seeds and noise: no stray shell, no part in two, no defect.
+//!
+//! Small grids: walls of five voxels, where fits are few and neighbouring sheets are near.
+
+#![allow(clippy::unwrap_used)] // helpers of tests are tests
+
+use interfacet::execution::Execution;
+use interfacet::mesh::{CheckOptions, check};
+use interfacet::phantom::compare::{CompareOptions, compare};
+use interfacet::phantom::{Noise, Phantom, PhantomOptions, SceneName};
+use interfacet::pipeline::{Accuracy, PipelineOptions, extract};
+use interfacet::volume::MemorySource;
+
+const ROTATIONS: [[f64; 3]; 3] = [[7.3, 11.9, 4.1], [23.0, -15.0, 32.0], [41.0, 9.0, -20.0]];
+
+/// The mesh of an object in each rotation, with its own seed and noise, must be sound and have the object's shells.
+fn has_its_shells(scene: SceneName, size: usize) {
+    for (rotation, (seed, noise)) in ROTATIONS.into_iter().zip([(1, 1.0), (7, 4.0), (3, 1.0)]) {
+        let options = PhantomOptions {
+            scene,
+            size: [size; 3],
+            rotation,
+            seed,
+            noise: Noise::Percent(noise),
+            fill: 0.85,
+            fine: 2,
+            ..PhantomOptions::default()
+        };
+        let execution = Execution::default();
+        let phantom = Phantom::new(&options).unwrap();
+        let samples = phantom.rasterise(&execution).unwrap();
+        let source = MemorySource::new(phantom.geometry().clone(), samples).unwrap();
+        let pipeline = PipelineOptions { accuracy: Accuracy::Full, ..PipelineOptions::default() };
+        let mesh = extract(&source, &pipeline, &execution).unwrap().mesh;
+        let defects = check(&mesh, &CheckOptions::default(), &execution).unwrap();
+        assert!(defects.is_empty() && defects.self_intersections_checked, "{:?}", defects.by_kind());
+        let found = compare(&mesh, &phantom, mesh.sigmas(), &CompareOptions::default(), &execution).unwrap();
+        for m in &found.materials {
+            assert_eq!(m.topology, m.expected, "{} {rotation:?} {}", scene.name(), m.name);
+        }
+    }
+}
+
+#[test]
+fn cubes_turned() {
+    has_its_shells(SceneName::CubeInCube, 48);
+}
+
+#[test]
+fn four_materials_turned() {
+    has_its_shells(SceneName::FourMaterials, 48);
+}
+
+#[test]
+fn rings_turned() {
+    has_its_shells(SceneName::PressFitRing, 56);
+}
