@@ -50,6 +50,25 @@ pub(super) struct Plane<'a> {
 }
 
 impl Plane<'_> {
+    /// The plane seen from a place so far away, blur units.
+    pub(super) fn from(&self, away: DVec3) -> Self {
+        let mut plane = self.clone();
+        plane.offset -= self.normal.dot(away);
+        for part in &mut plane.parts {
+            part.at -= away;
+        }
+        plane.sums.1 = plane.offset * plane.sums.2;
+        plane
+    }
+
+    /// The one of `planes` that this is.
+    pub(super) fn among<'b, 'c>(&self, planes: &'b [Plane<'c>]) -> Option<&'b Plane<'c>> {
+        planes.iter().find(|p| {
+            let cos = p.normal.dot(self.normal);
+            cos.abs() > AGREE && (self.offset * cos.signum() - p.offset).abs() < OFF
+        })
+    }
+
     /// A point of the plane.
     pub(super) fn point(&self) -> DVec3 {
         self.normal * self.offset

@@ -10,6 +10,7 @@
 
 use std::cmp::Ordering;
 use std::ops::Range;
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -112,7 +113,7 @@ pub(super) fn corner_sites(
     let mut starts: Vec<Start> = seeds.par_iter().flat_map_iter(|seed| starts(view, flats, *seed)).collect();
     starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
     starts.sort_by(|a, b| {
-        let key = |s: &Start| [s.away, s.at.z, s.at.y, s.at.x];
+        let key = |s: &Start| [s.cost, s.at.z, s.at.y, s.at.x];
         let places = || key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y));
         a.cell.cmp(&b.cell).then_with(|| places().find(|o| o.is_ne()).unwrap_or(Ordering::Equal))
     });
@@ -141,16 +142,20 @@ pub(super) fn thinned(seeds: Vec<DVec3>) -> Vec<DVec3> {
 }
 
 /// Where three planes meet.
-struct Start {
+struct Start<'a> {
     cell: [i32; 3],
+    /// The planes around the seed (voxels), and which ones they are.
+    planes: Arc<[Plane<'a>]>,
+    seed: DVec3,
+    three: [usize; 3],
     /// The place, voxels.
     at: DVec3,
-    /// Distance from the seed, blur units.
-    away: f64,
+    /// Distance from the seed, blur units, and [`LONE`] for each plane that one patch alone shows.
+    cost: f64,
 }
 
-/// The triples of planes that meet near a place, nearest first: which, and where.
-fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3)> {
+/// The triples of planes that meet near a place: which, where, and what speaks against them.
+fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3, f64)> {
     let mut out = Vec::new();
     for i in 0..planes.len() {
         for j in 0..i {
@@ -160,28 +165,24 @@ fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3)> {
                 if determinant > FLATTEST
                     && let Some(apex) = Corner::meet(&three).filter(|a| a.length() < reach)
                 {
-                    out.push(([i, j, k], apex));
+                    let lone = [i, j, k].iter().filter(|&&p| planes[p].parts.len() == 1).count();
+                    out.push(([i, j, k], apex, apex.length() + LONE * lone as f64));
                 }
             }
         }
     }
-    let cost = |(three, apex): &([usize; 3], DVec3)| {
-        let lone = three.iter().filter(|&&p| planes[p].parts.len() == 1).count();
-        apex.length() + LONE * lone as f64
-    };
-    out.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
     out
 }
 
-fn starts(view: &View<'_>, flats: &FlatIndex<'_>, seed: DVec3) -> Vec<Start> {
-    let planes = planes_about(view, flats, seed);
+fn starts<'a>(view: &View<'_>, flats: &FlatIndex<'a>, seed: DVec3) -> Vec<Start<'a>> {
+    let planes: Arc<[Plane<'a>]> = planes_about(view, flats, seed).into();
     let found = triples(&planes, REACH);
     found
         .into_iter()
-        .map(|(_, apex)| {
+        .map(|(three, apex, cost)| {
             let at = seed + view.units.voxel(apex);
             let cell = at.to_array().map(|c| (c / CELL).floor() as i32);
-            Start { cell, at, away: apex.length() }
+            Start { cell, planes: planes.clone(), seed, three, at, cost }
         })
         .collect()
 }
@@ -311,14 +312,31 @@ impl Window {
     }
 }
 
-fn fit(view: &View<'_>, flats: &FlatIndex<'_>, at: &Start) -> Option<Site> {
-    let (_, apex) = triples(&planes_about(view, flats, at.at), REACH).into_iter().next()?;
+/// The planes of a start as they are seen from `middle` (voxels), and where they meet. A plane that one patch alone shows may
+/// not be found again from there.
+fn planes_of<'a>(
+    view: &View<'_>,
+    flats: &FlatIndex<'a>,
+    start: &Start<'a>,
+    middle: DVec3,
+) -> Option<([Plane<'a>; 3], DVec3)> {
+    let seen = planes_about(view, flats, middle);
+    let away = view.units.of(middle - start.seed);
+    let planes = start.three.map(|p| {
+        let plane = start.planes[p].from(away);
+        plane.among(&seen).cloned().unwrap_or(plane)
+    });
+    let apex = Corner::meet(&planes.each_ref().map(|p| (p.point(), p.normal)))?;
+    (apex.length() < REACH).then_some((planes, apex))
+}
+
+fn fit<'a>(view: &View<'_>, flats: &FlatIndex<'a>, at: &Start<'a>) -> Option<Site> {
+    let (_, apex) = planes_of(view, flats, at, at.at)?;
     let mut middle = at.at + view.units.voxel(apex);
     let mut last: Option<CornerFit> = None;
     loop {
-        let planes = planes_about(view, flats, middle);
-        let (three, _) = triples(&planes, REACH).into_iter().next()?;
-        let window = Window::new(view, middle, three.map(|p| &planes[p]))?;
+        let (planes, _) = planes_of(view, flats, at, middle)?;
+        let window = Window::new(view, middle, planes.each_ref())?;
         let start = window.start()?;
         // From the voxels alone, then with the patches that agree.
         let Some(before) = last else {
