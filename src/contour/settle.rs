@@ -2,7 +2,8 @@
 //!
 //! All are granted at once. Then triangles that meet where they must not, that have turned over or become slivers are
 //! looked for, and their vertices go back a quarter of the way; again, until nothing offends. With no moves the
-//! surface is what marching promises, so this ends there at the latest. All vertices go back together and triangles are
+//! surface is what marching promises, so this ends there at the latest. Then what was refused is tried again, a half at a time, the
+//! others staying where they are. All vertices go back together and triangles are
 //! judged by exact tests of places as they will be written, so neither threads nor slabs show in the result.
 
 use glam::DVec3;
@@ -17,6 +18,9 @@ use crate::triangle::{Search, VertexTable, is_without_area, without_area};
 
 /// A wish is granted in so many parts.
 const PARTS: u8 = 4;
+/// What was refused is tried again so many times, where neighbours have settled: by turns one half of the wishes and the other,
+/// for two that are in each other's way may each be granted alone.
+const TURNS: usize = 2;
 /// A triangle may not turn by more than the angle of this cosine.
 const TURNED: f64 = 0.0;
 /// Height of a triangle over its longest side, lattice units, below which it is a sliver; those that are flatter by construction
@@ -34,6 +38,11 @@ pub fn settle(
 ) -> Result<Moves, ContourError> {
     let mut settling = Settling::new(around, geometry);
     while settling.round(execution)? {}
+    for turn in 0..TURNS {
+        if settling.raise(turn) {
+            while settling.round(execution)? {}
+        }
+    }
     let scale = DVec3::from(geometry.spacing()) / geometry.voxel_edge();
     let moved = settling.wishes.iter().zip(&settling.parts).map(|(wish, &part)| {
         let at = partly(wish, part);
@@ -65,8 +74,9 @@ fn written(geometry: &Geometry, at: DVec3) -> DVec3 {
 struct Settling<'a> {
     geometry: &'a Geometry,
     wishes: Vec<Wish>,
-    /// How many parts of each are granted.
+    /// How many parts of each are granted, and how many at least: with no more nothing offends.
     parts: Vec<u8>,
+    least: Vec<u8>,
     /// The vertex of each wish.
     vertex: Vec<u32>,
     /// The wish of each vertex, or [`NONE`].
@@ -106,6 +116,7 @@ impl<'a> Settling<'a> {
         let mut out = Self {
             geometry,
             parts: wishes.iter().map(|wish| if wish.is_near() { PARTS } else { 0 }).collect(),
+            least: vec![0; wishes.len()],
             vertex,
             wish,
             positions,
@@ -135,6 +146,20 @@ impl<'a> Settling<'a> {
         }
     }
 
+    /// Grants what was refused, of one half of the wishes, to be taken back no farther than to where it is now; whether there was
+    /// any. What was granted stays.
+    fn raise(&mut self, turn: usize) -> bool {
+        self.least.copy_from_slice(&self.parts);
+        let half = (turn % 2..self.wishes.len()).step_by(2);
+        let refused: Vec<usize> =
+            half.filter(|&i| self.parts[i] < PARTS && self.wishes[i].is_near()).collect();
+        for &i in &refused {
+            self.parts[i] = PARTS;
+            self.place(i);
+        }
+        !refused.is_empty()
+    }
+
     /// Looks at what moved last and takes back what offends; whether anything did.
     fn round(&mut self, execution: &Execution) -> Result<bool, ContourError> {
         let asked: Vec<usize> = (0..self.triangles.len()).filter(|&t| self.asked[t]).collect();
@@ -145,18 +170,18 @@ impl<'a> Settling<'a> {
             }
             offends[t] = self.is_spoilt(t) || self.left_out.iter().any(|left_out| left_out[t]);
         }
-        for (positions, left_out) in self.positions.iter().zip(&self.left_out) {
-            let search = Search::new(positions, &self.triangles, left_out);
-            let found = search.run(|t| self.asked[t], execution)?;
-            for t in found.first.into_iter().flatten() {
-                offends[t as usize] = true;
-            }
+        let search = Search::new(&self.positions[1], &self.triangles, &self.left_out[1]);
+        let found = search.run(|t| self.asked[t], execution)?;
+        for t in found.first.into_iter().flatten() {
+            offends[t as usize] = true;
         }
         self.asked.fill(false);
         let mut back: Vec<u32> = Vec::new();
         for (t, _) in offends.iter().enumerate().filter(|(_, offends)| **offends) {
             let moved = self.triangles[t].map(|v| self.wish[v as usize]);
-            back.extend(moved.into_iter().filter(|&w| w != NONE && self.parts[w as usize] > 0));
+            back.extend(
+                moved.into_iter().filter(|&w| w != NONE && self.parts[w as usize] > self.least[w as usize]),
+            );
         }
         back.sort_unstable();
         back.dedup();

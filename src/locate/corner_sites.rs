@@ -113,7 +113,7 @@ pub(super) fn corner_sites(
     let mut starts: Vec<Start> = seeds.par_iter().flat_map_iter(|seed| starts(view, flats, *seed)).collect();
     starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
     starts.sort_by(|a, b| {
-        let key = |s: &Start| [s.cost, s.at.z, s.at.y, s.at.x];
+        let key = |s: &Start| [s.away, s.at.z, s.at.y, s.at.x];
         let places = || key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y));
         a.cell.cmp(&b.cell).then_with(|| places().find(|o| o.is_ne()).unwrap_or(Ordering::Equal))
     });
@@ -122,7 +122,8 @@ pub(super) fn corner_sites(
         .into_par_iter()
         .filter_map(|all| {
             let step = all.len().div_ceil(STARTS).max(1);
-            all.iter().step_by(step).find_map(|start| fit(view, flats, start))
+            let tried = |kept| all.iter().step_by(step).find_map(move |start| fit(view, flats, start, kept));
+            tried(false).or_else(|| tried(true))
         })
         .collect()
 }
@@ -150,8 +151,8 @@ struct Start<'a> {
     three: [usize; 3],
     /// The place, voxels.
     at: DVec3,
-    /// Distance from the seed, blur units, and [`LONE`] for each plane that one patch alone shows.
-    cost: f64,
+    /// Distance from the seed, blur units.
+    away: f64,
 }
 
 /// The triples of planes that meet near a place: which, where, and what speaks against them.
@@ -179,10 +180,10 @@ fn starts<'a>(view: &View<'_>, flats: &FlatIndex<'a>, seed: DVec3) -> Vec<Start<
     let found = triples(&planes, REACH);
     found
         .into_iter()
-        .map(|(three, apex, cost)| {
+        .map(|(three, apex, _)| {
             let at = seed + view.units.voxel(apex);
             let cell = at.to_array().map(|c| (c / CELL).floor() as i32);
-            Start { cell, planes: planes.clone(), seed, three, at, cost }
+            Start { cell, planes: planes.clone(), seed, three, at, away: apex.length() }
         })
         .collect()
 }
@@ -312,15 +313,20 @@ impl Window {
     }
 }
 
-/// The planes of a start as they are seen from `middle` (voxels), and where they meet. A plane that one patch alone shows may
-/// not be found again from there.
+/// The planes of a start as they are seen from `middle` (voxels), and where they meet. If not `kept`, those that are found
+/// there most clearly: often more patches show them. But a plane that one patch alone shows may not be found again.
 fn planes_of<'a>(
     view: &View<'_>,
     flats: &FlatIndex<'a>,
     start: &Start<'a>,
+    kept: bool,
     middle: DVec3,
 ) -> Option<([Plane<'a>; 3], DVec3)> {
     let seen = planes_about(view, flats, middle);
+    if !kept {
+        let (three, apex, _) = triples(&seen, REACH).into_iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
+        return Some((three.map(|p| seen[p].clone()), apex));
+    }
     let away = view.units.of(middle - start.seed);
     let planes = start.three.map(|p| {
         let plane = start.planes[p].from(away);
@@ -330,12 +336,12 @@ fn planes_of<'a>(
     (apex.length() < REACH).then_some((planes, apex))
 }
 
-fn fit<'a>(view: &View<'_>, flats: &FlatIndex<'a>, at: &Start<'a>) -> Option<Site> {
-    let (_, apex) = planes_of(view, flats, at, at.at)?;
+fn fit<'a>(view: &View<'_>, flats: &FlatIndex<'a>, at: &Start<'a>, kept: bool) -> Option<Site> {
+    let (_, apex) = planes_of(view, flats, at, kept, at.at)?;
     let mut middle = at.at + view.units.voxel(apex);
     let mut last: Option<CornerFit> = None;
     loop {
-        let (planes, _) = planes_of(view, flats, at, middle)?;
+        let (planes, _) = planes_of(view, flats, at, kept, middle)?;
         let window = Window::new(view, middle, planes.each_ref())?;
         let start = window.start()?;
         // From the voxels alone, then with the patches that agree.

@@ -8,6 +8,7 @@
 //! explain these, too.
 
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
@@ -36,7 +37,7 @@ const LEVEL: f64 = 0.02;
 /// Standard deviation of the logarithm of sigma.
 const SIGMA: f64 = 0.05;
 /// Standard deviation of curvatures, per blur unit.
-const CURVATURE: f64 = 0.12;
+const CURVATURE: f64 = 0.06;
 /// The models' own errors, as a share of the contrast.
 const MODEL: f64 = 0.0007;
 /// Largest standard deviation of the edge's place, blur units.
@@ -54,15 +55,17 @@ pub(super) fn edge_sites(
     seeds: &[Rough],
     core: Range<usize>,
 ) -> Vec<Site> {
-    let reach = view.units.voxel(DVec3::splat(FARTHEST)).z + CELL;
+    let reach = view.units.voxel(DVec3::splat(FARTHEST)).z + 2.0 * CELL;
     let near = |seed: &&Rough| seed.at.z >= core.start as f64 - reach && seed.at.z <= core.end as f64 + reach;
     let seeds: Vec<&Rough> = seeds.iter().filter(near).collect();
     let mut starts: Vec<Start> = seeds.par_iter().filter_map(|seed| start(view, flats, seed)).collect();
+    let onwards = onwards(view, &starts);
+    starts.extend(onwards);
     starts.retain(|s| usize::try_from(s.cell[2] * CELL as i32).is_ok_and(|z| core.contains(&z)));
-    // One for each box that the edge passes: the one whose seed is nearest to it.
+    // One for each box that the edge passes: the one whose seed is nearest to it; if there is none the next box's, gone on.
     starts.sort_by(|a, b| {
-        (a.cell, a.seed.pair)
-            .cmp(&(b.cell, b.seed.pair))
+        (a.cell, a.seed.pair, a.is_onwards)
+            .cmp(&(b.cell, b.seed.pair, b.is_onwards))
             .then(a.wedge.origin.length().total_cmp(&b.wedge.origin.length()))
             .then_with(|| {
                 let [p, q] = [a, b].map(|s| s.seed.at.to_array());
@@ -83,6 +86,46 @@ struct Start {
     seed: Rough,
     wedge: Wedge<2, EDGE>,
     materials: [MaterialId; 2],
+    /// Whether it was found from the box before.
+    is_onwards: bool,
+}
+
+impl Start {
+    /// Where the edge should go on, one box farther: in much noise patches are accepted that lie across an edge, and no seed is
+    /// left there.
+    fn onwards(&self, view: &View<'_>, sense: f64) -> Self {
+        let along = view.units.voxel(self.wedge.axes.z_axis);
+        let at = self.seed.at + view.units.voxel(self.wedge.origin) + along * (sense * CELL / along.length());
+        let mut wedge = self.wedge.clone();
+        wedge.origin = DVec3::ZERO;
+        Self { cell: cell_of(at), seed: Rough { at, ..self.seed }, wedge, is_onwards: true, ..*self }
+    }
+}
+
+/// Where edges should go on from these starts, and none of them is near.
+fn onwards(view: &View<'_>, starts: &[Start]) -> Vec<Start> {
+    let mut places: BTreeMap<([i32; 3], [MaterialId; 2]), Vec<DVec3>> = BTreeMap::new();
+    for start in starts {
+        let at = start.seed.at + view.units.voxel(start.wedge.origin);
+        places.entry((start.cell, start.seed.pair)).or_default().push(at);
+    }
+    let is_new = |start: &Start| {
+        let ([x, y, z], at) = (start.cell, start.seed.at);
+        (0..27).all(|i| {
+            let cell = [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1];
+            let near = |all: &Vec<DVec3>| all.iter().any(|other| other.distance(at) < NEW * CELL);
+            !places.get(&(cell, start.seed.pair)).is_some_and(near)
+        })
+    };
+    starts.iter().flat_map(|s| [-1.0, 1.0].map(|sense| s.onwards(view, sense))).filter(is_new).collect()
+}
+
+/// Distance to the next start from which on a fit between is worth its while, boxes.
+const NEW: f64 = 0.75;
+
+/// The box of a place, voxels.
+fn cell_of(at: DVec3) -> [i32; 3] {
+    at.to_array().map(|c| (c / CELL).floor() as i32)
 }
 
 /// The two patches around a seed that make an edge: near, and of different directions.
@@ -259,8 +302,8 @@ fn start_of(view: &View<'_>, seed: &Rough, faces: [Flat; 2]) -> Option<Start> {
     let materials = [seed.pair[1], seed.pair[0]];
     let levels = materials.map(|m| view.level(m, seed.at).mean);
     let wedge = Wedge::new(apex, direction, [rays[0].0, rays[1].0], levels);
-    let cell = (seed.at + view.units.voxel(apex)).to_array().map(|c| (c / CELL).floor() as i32);
-    Some(Start { cell, seed: *seed, wedge, materials })
+    let cell = cell_of(seed.at + view.units.voxel(apex));
+    Some(Start { cell, seed: *seed, wedge, materials, is_onwards: false })
 }
 
 /// A voxel this far (blur units) on the wrong side contradicts an edge: another sheet is there, whose blur reaches so far,

@@ -5,7 +5,7 @@
 //! block's junction cells, the direction in which those around spread most, and a ray per pair towards the mean of its
 //! crossings around. Where that leads nowhere and patches are known, the line on which their planes meet (`flat_starts`).
 //! Then rough fits in a small ball, and fits in a larger one with places on the flanks where patches
-//! know the interface of a pair alone; planar first, curved if that explains the grey values better.
+//! know the interface of a pair alone; planar first, then curved.
 //!
 //! Acceptance: the fit explains the grey values; the curve lies in the ball, its place is known; rays do not
 //! merge; sigma is the scan's. A ball without a junction fits well, but leaves the place along an interface open.
@@ -340,7 +340,7 @@ fn finish(
         let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
         let prior = &Prior { bends, ..*prior };
         let planar = wedge.fit(&samples, &on, prior, Stage::Planar)?;
-        let best = planar.or_curved(&samples, &on, prior);
+        let best = planar.curved(&samples, &on, prior);
         wedge = best.wedge.recentred(0.0);
         let still = best.wedge.apex(0.0).length() < 0.1;
         last = Some(best);

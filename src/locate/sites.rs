@@ -35,7 +35,7 @@ const SPOILT: f64 = 3.5;
 /// Fits of a corner nearer to each other than this are of the same one, blur units.
 const SAME: f64 = 1.5;
 
-/// A point of four materials may lie so far outside of the cell in which labels show all four, voxels.
+/// A point where curves meet may lie so far outside of the cell in which labels show all its materials, voxels.
 const BESIDE: f64 = 0.9;
 
 /// Where labels have been set by a site whose neighbour is missing, it is asked about places so much farther away.
@@ -279,7 +279,8 @@ impl Sites {
     }
 
     /// The corner for the cell whose lowest corner is `low` (voxels), and the standard deviation of its place in blur
-    /// units: that in it, or one beside it of which all four materials meet in the cell by their labels.
+    /// units. One of two materials is that of the cell it lies in; one where more meet is that of the nearest cell in which all
+    /// of them meet by their labels: there contouring has a vertex where curves meet.
     #[must_use]
     pub fn corner(&self, low: DVec3) -> Option<(DVec3, f64)> {
         let place = low + 0.5;
@@ -287,18 +288,29 @@ impl Sites {
         let mut best: Option<(f64, (DVec3, f64))> = None;
         for site in self.in_box(key).map(|number| self.site(number)) {
             let Model::Corner(corner) = &site.model else { continue };
-            let off = (site.at - place).abs().max_element() - 0.5;
-            let is_cell = || {
+            let off = |low: DVec3| (site.at - low - 0.5).abs().max_element() - 0.5;
+            let shows_all = |low: DVec3| {
                 let at = |c: usize| low + DVec3::new((c & 1) as f64, (c >> 1 & 1) as f64, (c >> 2) as f64);
                 let mut seen: Vec<MaterialId> =
                     (0..8).map(|c| corner.material(self.units.of(at(c) - site.middle))).collect();
                 seen.sort_unstable();
                 seen.dedup();
-                seen.len() > 3 && seen.len() == corner.count()
+                seen.len() == corner.count()
             };
-            let is_here = off <= 0.0 || (off <= BESIDE && is_cell());
-            if is_here && best.is_none_or(|(least, _)| off < least) {
-                best = Some((off, (site.at, corner.apex_sigma())));
+            let here = off(low);
+            let order = |low: DVec3| [off(low), low.z, low.y, low.x];
+            let is_nearest = || {
+                let around =
+                    (0..27).map(|i| DVec3::from([i % 3, i / 3 % 3, i / 9].map(|c| f64::from(c) - 1.0)));
+                let own = order(low);
+                around.map(|by| site.at.floor() + by).all(|other| order(other) >= own || !shows_all(other))
+            };
+            let is_here = match corner.count() {
+                0..=2 => here <= 0.0,
+                _ => here <= BESIDE && shows_all(low) && is_nearest(),
+            };
+            if is_here && best.is_none_or(|(least, _)| here < least) {
+                best = Some((here, (site.at, corner.apex_sigma())));
             }
         }
         best.map(|b| b.1)

@@ -41,7 +41,8 @@ pub(super) fn remove_specks(labels: &mut LabelVolume, before: &LabelVolume, zone
         let now = &*labels;
         let mut found: Vec<Part> = voxels
             .par_iter()
-            .flat_map_iter(|voxel| touched(now, *voxel))
+            // Those beside it that are of the zone are looked at themselves.
+            .flat_map_iter(|v| touched(now, *v).filter(move |t| t == v || !zone.bit(0, t[0], t[1], t[2])))
             .filter(|voxel| is_end(now, *voxel))
             .filter_map(|voxel| island(now, before, voxel))
             .collect();

@@ -430,6 +430,14 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
         is_explained(self.reduced(), self.samples, reading, contrast)
     }
 
+    /// A curved fit from this planar one, whether or not it explains more: priors hold curvatures that the grey values do not
+    /// show. A planar fit that is kept where curvature is not significant states standard deviations that leave out what it
+    /// is off by for that: they covered 42 % of true errors instead of 68 %.
+    #[must_use]
+    pub fn curved(self, samples: &[Sample], flanks: &[Flank], prior: &Prior<R>) -> Self {
+        self.wedge.fit(samples, flanks, prior, Stage::Curved).unwrap_or(self)
+    }
+
     /// This planar fit, or a curved one from it if that explains the same data enough better.
     #[must_use]
     pub fn or_curved(self, samples: &[Sample], flanks: &[Flank], prior: &Prior<R>) -> Self {

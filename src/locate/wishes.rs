@@ -56,9 +56,8 @@ impl Wishes for Located<'_> {
     }
 
     fn apex(&self, low: [usize; 3], at: [f32; 3]) -> Option<Node> {
-        if CrossingRule::apex(self, low).is_some() {
-            // A corner lies here.
-            return None;
+        if let Some((at, sigma)) = self.sites.corner(DVec3::from(low.map(|c| c as f64 - 1.0))) {
+            return Some(Node { at: at.as_vec3().to_array(), sigma: self.voxels(sigma) as f32 });
         }
         self.on_curve(CurveKind::Junction, DVec3::from(at.map(f64::from)))
     }
