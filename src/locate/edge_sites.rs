@@ -19,7 +19,7 @@ use super::patches::{Flat, Rough};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
+use super::wedge::{BLURRED, EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
 
 /// Patches are looked for within this distance of a seed, blur units.
@@ -306,10 +306,6 @@ fn start_of(view: &View<'_>, seed: &Rough, faces: [Flat; 2]) -> Option<Start> {
     Some(Start { cell, seed: *seed, wedge, materials, is_onwards: false })
 }
 
-/// A voxel this far (blur units) on the wrong side contradicts an edge: another sheet is there, whose blur reaches so far,
-/// and farther if it is of a third material, whose contrast may be larger.
-const WRONG: f64 = 1.3;
-const BLURRED: [f64; 2] = [2.4, 3.0];
 /// Fewest voxels of a fit.
 const FEWEST_VOXELS: usize = 60;
 /// So many labels may contradict.
@@ -342,7 +338,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
         let others: Vec<(DVec3, f64)> = seen
             .iter()
             .zip(&samples)
-            .filter(|(s, sample)| contradicts(&wedge, &materials, s.label, sample.at))
+            .filter(|(s, sample)| wedge.is_contradicted(&materials, s.label, sample.at))
             .map(|(s, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&s.label))]))
             .collect();
         // Two edges of something thin, as at the mouth of a gap, are not told apart by windows that leave the other out.
@@ -390,7 +386,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
     let wrong = seen
         .iter()
         .filter(|s| !s.uncertain && s.sample.at.length() <= FULL)
-        .filter(|s| contradicts(&fit.wedge, &materials, s.label, s.sample.at + from))
+        .filter(|s| fit.wedge.is_contradicted(&materials, s.label, s.sample.at + from))
         .count();
     if wrong > MOST_WRONG {
         return None;
@@ -401,16 +397,4 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
         materials: [materials[0], materials[1], materials[1]],
         model: Model::Edge(Box::new(fit)),
     })
-}
-
-/// Whether a voxel's label is another than an edge says, though neither of its sheets is near: another sheet is.
-fn contradicts(wedge: &Wedge<2, EDGE>, materials: &[MaterialId; 2], label: MaterialId, at: DVec3) -> bool {
-    if materials[wedge.sector(at)] == label {
-        return false;
-    }
-    !materials.contains(&label)
-        || (0..2).all(|i| {
-            let (distance, along, _) = wedge.sheet(i, at);
-            distance.hypot(along.min(0.0)) > WRONG
-        })
 }

@@ -21,7 +21,7 @@ use super::flat_starts::{self, meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
+use super::wedge::{BLURRED, EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
 
 /// Voxels along a block whose junction cells share a fit.
@@ -41,6 +41,12 @@ const WIDEST: f64 = 7.0;
 const COARSE: [f64; 2] = [7.0, 5.5];
 /// How far around a seed labels are looked at, voxels.
 const AROUND: f64 = 7.0;
+/// Other sheets are nowhere nearer to the curve than this, blur units: nearer labels that contradict a rough wedge may be right.
+const OTHERS: f64 = 2.5;
+/// So many labels of voxels within the window may contradict.
+const MOST_WRONG: usize = 20;
+/// Fewest voxels of a fit.
+const FEWEST: usize = 120;
 /// Junction cells around a seed that tell the direction lie within this distance, voxels.
 const SPREAD: f64 = 6.0;
 /// Standard deviation of grey levels, as a share of the smallest contrast, and of the largest, beside what the levels say:
@@ -333,10 +339,31 @@ fn finish(
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
         let full = wide(&wedge);
         view.samples(middle, wedge.origin, full.hypot(along), &mut seen, &mut samples);
-        samples.retain(|s| {
-            let (r, z) = wedge.section(s.at);
+        // In a thin wall the sheet of its other side is near.
+        let mut others: Vec<(DVec3, f64)> = seen
+            .iter()
+            .zip(&samples)
+            .filter(|(s, sample)| {
+                !s.uncertain
+                    && wedge.section(sample.at).0.length() > OTHERS
+                    && wedge.is_contradicted(&materials, s.label, sample.at)
+            })
+            .map(|(s, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&s.label))]))
+            .collect();
+        let is_within = |at: DVec3| {
+            let (r, z) = wedge.section(at);
             r.length_squared() <= full * full && z.abs() <= along
+        };
+        // But if it is within the window, as where the curve ends, there is no such wedge: leaving much out would hide that.
+        if others.iter().filter(|(at, _)| is_within(*at)).count() > MOST_WRONG {
+            others.clear();
+        }
+        samples.retain(|s| {
+            is_within(s.at) && others.iter().all(|(p, reach)| p.distance_squared(s.at) > reach * reach)
         });
+        if samples.len() < FEWEST {
+            return None;
+        }
         let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
         let prior = &Prior { bends, ..*prior };
         let planar = wedge.fit(&samples, &on, prior, Stage::Planar)?;

@@ -24,6 +24,7 @@ use super::frame::basis;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
 use super::sheet::{LevelPrior, Reading, Sample};
 use super::wedge_rows::{Curve, Known};
+use crate::grid::MaterialId;
 
 /// Places of the parameters of a wedge with `R` rays.
 #[derive(Debug, Clone, Copy)]
@@ -362,6 +363,20 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         (0..R).fold((0, f64::INFINITY), |m, i| if past(i) < m.1 { (i, past(i)) } else { m }).0
     }
 
+    /// Whether a label at a place is another than the wedge says (`materials` of its sectors), though none of its sheets is near:
+    /// another sheet is.
+    #[must_use]
+    pub(super) fn is_contradicted(&self, materials: &[MaterialId; R], label: MaterialId, at: DVec3) -> bool {
+        if materials[self.sector(at)] == label {
+            return false;
+        }
+        !materials.contains(&label)
+            || (0..R).all(|i| {
+                let (distance, along, _) = self.sheet(i, at);
+                distance.hypot(along.min(0.0)) > WRONG
+            })
+    }
+
     /// Signed distance of a point from sheet `i` (positive counter-clockwise of it, as if it went on behind
     /// the apex), its place along the ray, and the sheet's unit normal there (towards sector i).
     #[must_use]
@@ -464,6 +479,11 @@ const GAIN: f64 = 12.0;
 const WIDTH: f64 = 4.2;
 /// See [`Wedge::blind`].
 const MOST_BLIND: f64 = 8.0;
+
+/// A voxel this far (blur units) on the wrong side contradicts a wedge: another sheet is there, whose blur reaches so far,
+/// and farther if it is of a material that the wedge has not, whose contrast may be larger.
+const WRONG: f64 = 1.3;
+pub(super) const BLURRED: [f64; 2] = [2.4, 3.0];
 
 /// The smallest angle of a sector that a wedge may have.
 pub(super) const SMALLEST_ANGLE: f64 = PI / 15.0;
