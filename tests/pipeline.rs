@@ -70,8 +70,13 @@ fn interfacet(arguments: &[&str]) -> (bool, serde_json::Value) {
 
 #[test]
 fn a_material_that_nothing_became_is_named_and_gets_no_file() {
-    let (good, report) =
-        interfacet(&["--material=air=25", "--material=al=72", "--material=ghost=150", "--material=fe=248"]);
+    let (good, report) = interfacet(&[
+        "--accuracy=paper",
+        "--material=air=25",
+        "--material=al=72",
+        "--material=ghost=150",
+        "--material=fe=248",
+    ]);
     assert!(good);
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("no voxel became ghost"), "{warnings}");
