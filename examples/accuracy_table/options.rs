@@ -26,7 +26,7 @@ pub(crate) struct Args {
     #[arg(long, value_enum, default_value_t = MethodName::Marching)]
     method: MethodName,
     /// The published methods, or all that goes beyond them.
-    #[arg(long, value_enum, default_value_t = Accuracy::Full)]
+    #[arg(long, value_enum, default_value_t = Accuracy::Paper)]
     accuracy: Accuracy,
     /// Radius R in voxels instead of the estimate.
     #[arg(long)]

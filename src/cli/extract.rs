@@ -112,7 +112,7 @@ pub(crate) struct Args {
     denoise: DenoiseArg,
     /// How well crossings are placed: as published, or by models of the blurred scene fitted to the grey values
     /// (with a standard deviation for each vertex).
-    #[arg(long, value_enum, default_value_t = AccuracyName::Full, help_heading = "Surface")]
+    #[arg(long, value_enum, default_value_t = AccuracyName::Paper, help_heading = "Surface")]
     accuracy: AccuracyName,
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain

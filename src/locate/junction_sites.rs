@@ -44,7 +44,7 @@ const AROUND: f64 = 7.0;
 /// Other sheets are nowhere nearer to the curve than this, blur units: nearer labels that contradict a rough wedge may be right.
 const OTHERS: f64 = 2.5;
 /// So many labels of voxels within the window may contradict.
-const MOST_WRONG: usize = 20;
+const MOST_WRONG: usize = 4;
 /// Fewest voxels of a fit.
 const FEWEST: usize = 120;
 /// Junction cells around a seed that tell the direction lie within this distance, voxels.
