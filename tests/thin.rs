@@ -6,25 +6,12 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)] // helpers of tests are tests; figures, with --nocapture
 
-use interfacet::execution::Execution;
-use interfacet::mesh::{CheckOptions, check};
-use interfacet::phantom::compare::{CompareOptions, Comparison, compare};
-use interfacet::phantom::{Noise, Phantom, PhantomOptions, SceneName};
-use interfacet::pipeline::{Accuracy, PipelineOptions, extract};
-use interfacet::volume::MemorySource;
+use interfacet::phantom::{Noise, PhantomOptions, SceneName};
 
-/// A phantom's mesh by models against the truth; the mesh must have no defect.
-fn measured(options: &PhantomOptions) -> Comparison {
-    let execution = Execution::default();
-    let phantom = Phantom::new(options).unwrap();
-    let samples = phantom.rasterise(&execution).unwrap();
-    let source = MemorySource::new(phantom.geometry().clone(), samples).unwrap();
-    let pipeline = PipelineOptions { accuracy: Accuracy::Full, ..PipelineOptions::default() };
-    let mesh = extract(&source, &pipeline, &execution).unwrap().mesh;
-    let defects = check(&mesh, &CheckOptions::default(), &execution).unwrap();
-    assert!(defects.is_empty() && defects.self_intersections_checked, "{:?}", defects.by_kind());
-    compare(&mesh, &phantom, mesh.sigmas(), &CompareOptions::default(), &execution).unwrap()
-}
+#[path = "common/models.rs"]
+mod models;
+
+use models::measured;
 
 fn scene(scene: SceneName, thickness: f64) -> PhantomOptions {
     PhantomOptions { scene, thickness, size: [64; 3], fill: 0.85, ..PhantomOptions::default() }

@@ -2,16 +2,12 @@
 //!
 //! Small grids: walls of five voxels, where fits are few and neighbouring sheets are near.
 
-#![allow(clippy::unwrap_used)] // helpers of tests are tests
+use interfacet::phantom::{Noise, PhantomOptions, SceneName};
 
-use interfacet::execution::Execution;
-use interfacet::mesh::{CheckOptions, check};
-use interfacet::phantom::compare::{CompareOptions, compare};
-use interfacet::phantom::{Noise, Phantom, PhantomOptions, SceneName};
-use interfacet::pipeline::{Accuracy, PipelineOptions, extract};
-use interfacet::volume::MemorySource;
+#[path = "common/models.rs"]
+mod models;
 
-/// Rotation, seed and noise; rings have stray shells in the second and third still, and four materials a handle in the second (docs/locate.md).
+/// Rings have stray shells in the second and third still, and four materials a handle in the second (docs/locate.md).
 const ROTATIONS: [[f64; 3]; 3] = [[7.3, 11.9, 4.1], [23.0, -15.0, 32.0], [41.0, 9.0, -20.0]];
 
 /// The mesh of an object in each rotation, with its own seed and noise, must be sound and have the object's shells.
@@ -27,15 +23,7 @@ fn has_its_shells(scene: SceneName, size: usize, images: usize) {
             fine: 2,
             ..PhantomOptions::default()
         };
-        let execution = Execution::default();
-        let phantom = Phantom::new(&options).unwrap();
-        let samples = phantom.rasterise(&execution).unwrap();
-        let source = MemorySource::new(phantom.geometry().clone(), samples).unwrap();
-        let pipeline = PipelineOptions { accuracy: Accuracy::Full, ..PipelineOptions::default() };
-        let mesh = extract(&source, &pipeline, &execution).unwrap().mesh;
-        let defects = check(&mesh, &CheckOptions::default(), &execution).unwrap();
-        assert!(defects.is_empty() && defects.self_intersections_checked, "{:?}", defects.by_kind());
-        let found = compare(&mesh, &phantom, mesh.sigmas(), &CompareOptions::default(), &execution).unwrap();
+        let found = models::measured(&options);
         for m in &found.materials {
             assert_eq!(m.topology, m.expected, "{} {rotation:?} {}", scene.name(), m.name);
         }

@@ -57,16 +57,18 @@ impl Plane<'_> {
         for part in &mut plane.parts {
             part.at -= away;
         }
-        plane.sums.1 = plane.offset * plane.sums.2;
         plane
     }
 
     /// The one of `planes` that this is.
     pub(super) fn among<'b, 'c>(&self, planes: &'b [Plane<'c>]) -> Option<&'b Plane<'c>> {
-        planes.iter().find(|p| {
-            let cos = p.normal.dot(self.normal);
-            cos.abs() > AGREE && (self.offset * cos.signum() - p.offset).abs() < OFF
-        })
+        planes.iter().find(|p| p.is_that_of(self.normal, self.offset))
+    }
+
+    /// Whether this is the plane with about this normal, either way round, and offset along it.
+    fn is_that_of(&self, normal: DVec3, offset: f64) -> bool {
+        let cos = self.normal.dot(normal);
+        cos.abs() > AGREE && (offset * cos.signum() - self.offset).abs() < OFF
     }
 
     /// A point of the plane.
@@ -129,10 +131,7 @@ pub(super) fn planes_about<'a>(view: &View<'_>, flats: &FlatIndex<'a>, centre: D
         let offset = normal.dot(foot);
         let known = (poor / flat.form_sigma.max(1e-9)).min(4.0).powi(2);
         let weight = known / (1.0 + 0.1 * along.length_squared()).powi(2);
-        let same = planes.iter().position(|p| {
-            let cos = p.normal.dot(normal);
-            cos.abs() > AGREE && (offset * cos.signum() - p.offset).abs() < OFF
-        });
+        let same = planes.iter().position(|p| p.is_that_of(normal, offset));
         if same.is_none() && flat.form_sigma > poor {
             continue;
         }

@@ -335,12 +335,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
         if seen.iter().any(|s| !materials.contains(&s.label) && s.sample.at.length() < BLURRED[1]) {
             return None;
         }
-        let others: Vec<(DVec3, f64)> = seen
-            .iter()
-            .zip(&samples)
-            .filter(|(s, sample)| wedge.is_contradicted(&materials, s.label, sample.at))
-            .map(|(s, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&s.label))]))
-            .collect();
+        let others = wedge.others(&materials, seen.iter().zip(&samples));
         // Two edges of something thin, as at the mouth of a gap, are not told apart by windows that leave the other out.
         if others.iter().filter(|(p, _)| p.distance(from) < BLURRED[1]).count() > MOST_WRONG {
             return None;

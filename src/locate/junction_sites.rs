@@ -21,7 +21,7 @@ use super::flat_starts::{self, meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{BLURRED, EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
+use super::wedge::{EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
 use crate::grid::MaterialId;
 
 /// Voxels along a block whose junction cells share a fit.
@@ -340,16 +340,9 @@ fn finish(
         let full = wide(&wedge);
         view.samples(middle, wedge.origin, full.hypot(along), &mut seen, &mut samples);
         // In a thin wall the sheet of its other side is near.
-        let mut others: Vec<(DVec3, f64)> = seen
-            .iter()
-            .zip(&samples)
-            .filter(|(s, sample)| {
-                !s.uncertain
-                    && wedge.section(sample.at).0.length() > OTHERS
-                    && wedge.is_contradicted(&materials, s.label, sample.at)
-            })
-            .map(|(s, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&s.label))]))
-            .collect();
+        let certain =
+            |(s, sample): &(&Seen, &Sample)| !s.uncertain && wedge.section(sample.at).0.length() > OTHERS;
+        let mut others = wedge.others(&materials, seen.iter().zip(&samples).filter(certain));
         let is_within = |at: DVec3| {
             let (r, z) = wedge.section(at);
             r.length_squared() <= full * full && z.abs() <= along

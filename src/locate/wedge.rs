@@ -23,6 +23,7 @@ use super::batch::{Batches, assemble};
 use super::frame::basis;
 use super::least_squares::{Fit, Model, Normal, Problem, minimise};
 use super::sheet::{LevelPrior, Reading, Sample};
+use super::view::Seen;
 use super::wedge_rows::{Curve, Known};
 use crate::grid::MaterialId;
 
@@ -375,6 +376,18 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
                 let (distance, along, _) = self.sheet(i, at);
                 distance.hypot(along.min(0.0)) > WRONG
             })
+    }
+
+    /// Those of some voxels, seen and as samples in the wedge's space, that are of other sheets, and how far their blur reaches.
+    pub(super) fn others<'a>(
+        &self,
+        materials: &[MaterialId; R],
+        voxels: impl Iterator<Item = (&'a Seen, &'a Sample)>,
+    ) -> Vec<(DVec3, f64)> {
+        voxels
+            .filter(|(seen, sample)| self.is_contradicted(materials, seen.label, sample.at))
+            .map(|(seen, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&seen.label))]))
+            .collect()
     }
 
     /// Signed distance of a point from sheet `i` (positive counter-clockwise of it, as if it went on behind
