@@ -175,25 +175,7 @@ impl<const N: usize> Factor<N> {
             }
             rows[i][i] = matrix[(of[i], of[i])] * (1.0 + lambda);
         }
-        for k in 0..count {
-            if rows[k][k].is_nan() || rows[k][k] <= 0.0 {
-                return None;
-            }
-            let root = rows[k][k].sqrt();
-            rows[k][k] = root;
-            let mut column = [0.0; N];
-            for i in k + 1..count {
-                rows[i][k] /= root;
-                column[i] = rows[i][k];
-            }
-            for i in k + 1..count {
-                let factor = column[i];
-                for (entry, other) in rows[i][k + 1..=i].iter_mut().zip(&column[k + 1..=i]) {
-                    *entry -= factor * other;
-                }
-            }
-        }
-        Some(Self { rows, of, count })
+        factorise(rows.as_flattened_mut(), N, count).then_some(Self { rows, of, count })
     }
 
     /// Solves for a right side without gaps, whose entries before `first` are zero.
@@ -238,6 +220,34 @@ impl<const N: usize> Factor<N> {
         }
         out
     }
+}
+
+/// Replaces a positive definite matrix (its lower triangle; `count` rows, each `width` entries after the one before) by its Cholesky
+/// factor; false if it is none. One function for all sizes: with the size known, the compiler unrolls the three loops into each
+/// other for more than a minute.
+fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
+    let mut column = Vec::with_capacity(count);
+    for k in 0..count {
+        let (done, below) = rows.split_at_mut((k + 1) * width);
+        let pivot = &mut done[k * width + k];
+        if pivot.is_nan() || *pivot <= 0.0 {
+            return false;
+        }
+        let root = pivot.sqrt();
+        *pivot = root;
+        column.clear();
+        for row in below.chunks_exact_mut(width).take(count - k - 1) {
+            row[k] /= root;
+            column.push(row[k]);
+        }
+        for (i, row) in below.chunks_exact_mut(width).take(count - k - 1).enumerate() {
+            let factor = column[i];
+            for (entry, other) in row[k + 1..].iter_mut().zip(&column[..=i]) {
+                *entry -= factor * other;
+            }
+        }
+    }
+    true
 }
 
 /// The damped Gauss-Newton step, shortened as a whole so that no parameter moves too far.
