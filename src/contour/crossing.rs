@@ -65,6 +65,12 @@ pub trait CrossingRule: Sync {
         f32::NAN
     }
 
+    /// Position and standard deviation of a crossing at once.
+    #[inline]
+    fn placed(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> (f32, f32) {
+        (self.position(from, axis, labels), self.sigma(from, axis, labels))
+    }
+
     /// Where a junction curve passes through the lattice face across `axis` whose lowest corner is `low`, if that
     /// is known better than as the mean of the face's crossings. Asked for faces where three or four materials meet in
     /// a star, none of them `OUTSIDE`.
@@ -121,6 +127,10 @@ impl<R: CrossingRule + ?Sized> CrossingRule for &R {
 
     fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
         (**self).sigma(from, axis, labels)
+    }
+
+    fn placed(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> (f32, f32) {
+        (**self).placed(from, axis, labels)
     }
 
     fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {

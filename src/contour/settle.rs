@@ -87,8 +87,8 @@ struct Settling<'a> {
     safe: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
     at: VertexTable,
-    /// Triangles that are to be looked at.
-    asked: Vec<bool>,
+    /// Triangles of vertices that were moved and not looked at since.
+    moved: Vec<u32>,
     /// Triangles without area in either place.
     left_out: [Vec<bool>; 2],
 }
@@ -122,7 +122,7 @@ impl<'a> Settling<'a> {
             positions,
             safe,
             at: VertexTable::new(vertices.len(), &triangles),
-            asked: vec![false; triangles.len()],
+            moved: Vec::new(),
             left_out,
             triangles,
             wishes,
@@ -141,9 +141,7 @@ impl<'a> Settling<'a> {
         let at = DVec3::from(partly(&self.wishes[i], self.parts[i]).map(f64::from));
         self.positions[0][v] = at;
         self.positions[1][v] = written(self.geometry, at);
-        for &t in self.at.triangles(v) {
-            self.asked[t as usize] = true;
-        }
+        self.moved.extend_from_slice(self.at.triangles(v));
     }
 
     /// Grants what was refused, of one half of the wishes, to be taken back no farther than to where it is now; whether there was
@@ -160,25 +158,37 @@ impl<'a> Settling<'a> {
         !refused.is_empty()
     }
 
-    /// Looks at what moved last and takes back what offends; whether anything did.
+    /// Takes back what offends; whether anything did. What a single triangle shows is looked at until none offends, before
+    /// the search for triangles that meet, which costs most.
     fn round(&mut self, execution: &Execution) -> Result<bool, ContourError> {
-        let asked: Vec<usize> = (0..self.triangles.len()).filter(|&t| self.asked[t]).collect();
-        let mut offends = vec![false; self.triangles.len()];
-        for &t in &asked {
-            for (left_out, positions) in self.left_out.iter_mut().zip(&self.positions) {
-                left_out[t] = is_without_area(positions, self.triangles[t]);
+        let mut fresh = std::mem::take(&mut self.moved);
+        let mut asked = vec![false; self.triangles.len()];
+        while !fresh.is_empty() {
+            for &t in &fresh {
+                asked[t as usize] = true;
+                for (left_out, positions) in self.left_out.iter_mut().zip(&self.positions) {
+                    left_out[t as usize] = is_without_area(positions, self.triangles[t as usize]);
+                }
             }
-            offends[t] = self.is_spoilt(t) || self.left_out.iter().any(|left_out| left_out[t]);
+            let offends = |t: &u32| self.is_spoilt(*t as usize) || self.is_left_out(*t);
+            let offending: Vec<u32> = fresh.into_iter().filter(offends).collect();
+            self.take_back(&offending);
+            fresh = std::mem::take(&mut self.moved);
         }
         let search = Search::new(&self.positions[1], &self.triangles, &self.left_out[1]);
-        let found = search.run(|t| self.asked[t], execution)?;
-        for t in found.first.into_iter().flatten() {
-            offends[t as usize] = true;
-        }
-        self.asked.fill(false);
+        let found = search.run(|t| asked[t], execution)?;
+        Ok(self.take_back(found.first.as_flattened()))
+    }
+
+    fn is_left_out(&self, t: u32) -> bool {
+        self.left_out.iter().any(|left_out| left_out[t as usize])
+    }
+
+    /// Takes back by a part what moved the vertices of these triangles; whether there was any.
+    fn take_back(&mut self, offending: &[u32]) -> bool {
         let mut back: Vec<u32> = Vec::new();
-        for (t, _) in offends.iter().enumerate().filter(|(_, offends)| **offends) {
-            let moved = self.triangles[t].map(|v| self.wish[v as usize]);
+        for &t in offending {
+            let moved = self.triangles[t as usize].map(|v| self.wish[v as usize]);
             back.extend(
                 moved.into_iter().filter(|&w| w != NONE && self.parts[w as usize] > self.least[w as usize]),
             );
@@ -189,7 +199,9 @@ impl<'a> Settling<'a> {
             self.parts[w as usize] -= 1;
             self.place(w as usize);
         }
-        Ok(!back.is_empty())
+        self.moved.sort_unstable();
+        self.moved.dedup();
+        !back.is_empty()
     }
 
     /// Whether a triangle has turned over or become a sliver.

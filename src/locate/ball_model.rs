@@ -161,6 +161,15 @@ impl KeptBall {
     pub(super) fn passage(&self, at: DVec3) -> Passage {
         let away = at - DVec3::from(self.centre.map(f64::from));
         let outwards = away.try_normalize().unwrap_or(DVec3::X);
+        let distance = away.length() - f64::from(self.radius);
+        let passage = Passage { distance, normal: outwards };
+        if self.first_inside { passage } else { passage.reversed() }
+    }
+
+    /// Standard deviation of its surface's place along the normal near a place, for white noise.
+    #[must_use]
+    pub(super) fn sigma(&self, at: DVec3) -> f64 {
+        let outwards = self.passage(at).normal;
         let g = [outwards.x, outwards.y, outwards.z, 1.0];
         let mut variance = 0.0;
         let mut k = 0;
@@ -171,9 +180,7 @@ impl KeptBall {
                 k += 1;
             }
         }
-        let distance = away.length() - f64::from(self.radius);
-        let passage = Passage { distance, normal: outwards, sigma: variance.max(0.0).sqrt() };
-        if self.first_inside { passage } else { passage.reversed() }
+        variance.max(0.0).sqrt()
     }
 }
 

@@ -191,13 +191,37 @@ impl CornerSite {
     /// The interface between two of its materials near a place; `None` if they do not meet here.
     #[must_use]
     pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+        let (sheet, along) = self.nearest_sheet(pair, at)?;
+        let passage = match &self.shape {
+            Shape::Planes(fit) => {
+                let (corner, i) = (&fit.corner, sheet[0]);
+                let normal = (corner.normals[i] - corner.forms[i] * (at - corner.apex)).normalize();
+                Passage { distance: corner.distance(i, at), normal }
+            }
+            Shape::Cones(fit) => {
+                let [m, n] = sheet;
+                Passage { distance: fit.cone.distance(m, n, at), normal: fit.cone.normal(m, n) }
+            }
+        };
+        Some(if along { passage } else { passage.reversed() })
+    }
+
+    /// Standard deviation of the place of that interface along its normal, for white noise.
+    #[must_use]
+    pub fn sigma(&self, pair: [MaterialId; 2], at: DVec3) -> Option<f64> {
+        self.nearest_sheet(pair, at).map(|(sheet, _)| self.sheet_sigma(sheet, at))
+    }
+
+    /// The sheet between two of its materials near a place (a plane, or the materials beside), and whether it goes from the first
+    /// to the second.
+    fn nearest_sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<([usize; 2], bool)> {
         match &self.shape {
-            Shape::Planes(fit) => self.passage_of_planes(fit, pair, at),
-            Shape::Cones(fit) => self.passage_of_cones(fit, pair, at),
+            Shape::Planes(fit) => self.nearest_plane(fit, pair, at),
+            Shape::Cones(fit) => self.nearest_of_cones(fit, pair, at).map(|sheet| (sheet, true)),
         }
     }
 
-    fn passage_of_planes(&self, fit: &CornerFit, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+    fn nearest_plane(&self, fit: &CornerFit, pair: [MaterialId; 2], at: DVec3) -> Option<([usize; 2], bool)> {
         let corner = &fit.corner;
         let d: [f64; 3] = std::array::from_fn(|i| corner.distance(i, at));
         let mut best: Option<(f64, usize, bool)> = None;
@@ -219,13 +243,10 @@ impl CornerSite {
                 }
             }
         }
-        let (_, i, along) = best?;
-        let normal = (corner.normals[i] - corner.forms[i] * (at - corner.apex)).normalize();
-        let passage = Passage { distance: d[i], normal, sigma: fit.plane_sigma(i, at) };
-        Some(if along { passage } else { passage.reversed() })
+        best.map(|(_, i, along)| ([i; 2], along))
     }
 
-    fn passage_of_cones(&self, fit: &ConeFit, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
+    fn nearest_of_cones(&self, fit: &ConeFit, pair: [MaterialId; 2], at: DVec3) -> Option<[usize; 2]> {
         let mut best: Option<(f64, [usize; 2])> = None;
         for m in 0..4 {
             for n in (0..4).filter(|&n| n != m && [self.materials[m], self.materials[n]] == pair) {
@@ -235,12 +256,7 @@ impl CornerSite {
                 }
             }
         }
-        let [m, n] = best?.1;
-        Some(Passage {
-            distance: fit.cone.distance(m, n, at),
-            normal: fit.cone.normal(m, n),
-            sigma: fit.sheet_sigma(m, n, at),
-        })
+        best.map(|b| b.1)
     }
 
     /// Where a curve of the asked kind passes the plane `target` of an axis, nearest to `near`, no farther than

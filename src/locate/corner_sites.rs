@@ -70,6 +70,8 @@ const BLUNT: f64 = 0.83;
 pub(super) const UNSURE: f64 = 0.25;
 /// Edge of the boxes in which one fit is enough, voxels.
 pub(super) const CELL: f64 = 4.0;
+/// Planes that meet this near to each other are the same three, blur units.
+const ALIKE: f64 = 0.1;
 /// Starts of a box that are tried.
 const STARTS: usize = 3;
 /// Edge of the boxes in which one seed is enough, voxels.
@@ -122,8 +124,11 @@ pub(super) fn corner_sites(
         .into_par_iter()
         .filter_map(|all| {
             let step = all.len().div_ceil(STARTS).max(1);
-            let tried = |kept| all.iter().step_by(step).find_map(move |start| fit(view, flats, start, kept));
-            tried(false).or_else(|| tried(true))
+            let mut tried: Vec<DVec3> = Vec::new();
+            let starts = [false, true]
+                .into_iter()
+                .flat_map(|kept| all.iter().step_by(step).map(move |start| (start, kept)));
+            starts.into_iter().find_map(|(start, kept)| fit(view, flats, start, kept, &mut tried))
         })
         .collect()
 }
@@ -336,9 +341,20 @@ fn planes_of<'a>(
     (apex.length() < REACH).then_some((planes, apex))
 }
 
-fn fit<'a>(view: &View<'_>, flats: &FlatIndex<'a>, at: &Start<'a>, kept: bool) -> Option<Site> {
+/// The fit from a start, if it is accepted; not from where planes met that were `tried` before.
+fn fit<'a>(
+    view: &View<'_>,
+    flats: &FlatIndex<'a>,
+    at: &Start<'a>,
+    kept: bool,
+    tried: &mut Vec<DVec3>,
+) -> Option<Site> {
     let (_, apex) = planes_of(view, flats, at, kept, at.at)?;
     let mut middle = at.at + view.units.voxel(apex);
+    if tried.iter().any(|other| view.units.of(*other - middle).length() < ALIKE) {
+        return None;
+    }
+    tried.push(middle);
     let mut last: Option<CornerFit> = None;
     loop {
         let (planes, _) = planes_of(view, flats, at, kept, middle)?;

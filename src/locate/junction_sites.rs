@@ -21,7 +21,7 @@ use super::flat_starts::{self, meeting, ordered};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit};
+use super::wedge::{EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Stage, Wedge, WedgeFit, most_reduced};
 use crate::grid::MaterialId;
 
 /// Voxels along a block whose junction cells share a fit.
@@ -45,6 +45,9 @@ const AROUND: f64 = 7.0;
 const OTHERS: f64 = 2.5;
 /// So many labels of voxels within the window may contradict.
 const MOST_WRONG: usize = 4;
+/// A fit that leaves so many times the chi squared that may be left is given up: the last rough one, planar ones and curved ones.
+/// Of accepted fits on phantoms and on the engine none left more than a half of that.
+const HOPELESS: [f64; 3] = [16.0, 64.0, 8.0];
 /// Fewest voxels of a fit.
 const FEWEST: usize = 120;
 /// Junction cells around a seed that tell the direction lie within this distance, voxels.
@@ -64,24 +67,34 @@ const UNSURE: f64 = 0.4;
 const FARTHEST: f64 = 5.0;
 const FOUND: f64 = 2.5;
 
-/// Fits the junction curves whose blocks begin in the slices `core`, but for seeds from which one of `known` was found.
+/// Fits the junction curves whose blocks begin in the slices `core`, from what labels show.
 #[must_use]
-pub(super) fn junction_sites(
+pub(super) fn junction_sites(view: &View<'_>, core: Range<usize>) -> Vec<Site> {
+    let by_labels = |seed: &Seed| fit_from(view, seed, &start(view, seed)?);
+    seeds_of(view, &core).par_iter().filter_map(by_labels).collect()
+}
+
+/// The same from where patches' planes meet, for seeds from which none of `known` was found.
+#[must_use]
+pub(super) fn more_junctions(
     view: &View<'_>,
     flats: &FlatIndex<'_>,
     known: &[Site],
-    core: Range<usize>,
+    core: &Range<usize>,
 ) -> Vec<Site> {
     let order = |a: DVec3, b: DVec3| a.z.total_cmp(&b.z).then(a.y.total_cmp(&b.y)).then(a.x.total_cmp(&b.x));
     let mut found: Vec<DVec3> = known.iter().map(|site| site.middle).collect();
     found.sort_by(|a, b| order(*a, *b));
     let is_new = |seed: &&Seed| found.binary_search_by(|at| order(*at, seed.at)).is_err();
+    let seeds = seeds_of(view, core);
+    seeds.par_iter().filter(is_new).filter_map(|seed| by_patches(view, flats, seed)).collect()
+}
+
+/// The seeds of blocks that begin in the slices `core`.
+fn seeds_of(view: &View<'_>, core: &Range<usize>) -> Vec<Seed> {
     let last = view.slab.size()[2] - 1;
-    let seeds: Vec<Seed> = blocks_of(&core, BLOCK)
-        .into_par_iter()
-        .flat_map_iter(|b| seeds(view, b * BLOCK..((b + 1) * BLOCK).min(last)))
-        .collect();
-    seeds.par_iter().filter(is_new).filter_map(|seed| fit(view, flats, seed)).collect()
+    let blocks = blocks_of(core, BLOCK).into_par_iter();
+    blocks.flat_map_iter(|b| seeds(view, b * BLOCK..((b + 1) * BLOCK).min(last))).collect()
 }
 
 /// The layers of blocks (of `side` slices) that begin in the slices `core`.
@@ -231,13 +244,6 @@ fn start(view: &View<'_>, seed: &Seed) -> Option<Start> {
     Some(Start { direction, rays, sectors })
 }
 
-/// The fit of a seed, if it is accepted.
-fn fit(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
-    let by_labels =
-        start(view, seed).and_then(|start| fit_from(view, flats, seed, (seed.at, FARTHEST), &start));
-    by_labels.or_else(|| by_patches(view, flats, seed))
-}
-
 /// The fit of a seed from where patches' planes meet, coarse to fine.
 fn by_patches(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Site> {
     let found = meeting(view, flats, seed.at, seed.materials)?;
@@ -261,28 +267,24 @@ fn by_patches(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Seed) -> Option<Sit
     finish(view, flats, (middle, most), wedge, materials, &prior)
 }
 
-/// The fit from a start about a middle (voxels), from which it may move so far (blur units).
-fn fit_from(
-    view: &View<'_>,
-    flats: &FlatIndex<'_>,
-    seed: &Seed,
-    (middle, most): (DVec3, f64),
-    start: &Start,
-) -> Option<Site> {
+/// The fit from a start about a seed.
+fn fit_from(view: &View<'_>, seed: &Seed, start: &Start) -> Option<Site> {
+    let (middle, most) = (seed.at, FARTHEST);
     let materials = start.sectors.map(|k| seed.materials[k]);
     let prior = prior(view, middle, materials);
     let levels = prior.levels.map(|l| l.mean);
     let mut seen: Vec<Seen> = Vec::new();
     let mut samples: Vec<Sample> = Vec::new();
     let mut wedge = Wedge::<3, JUNCTION>::new(DVec3::ZERO, start.direction, start.rays, levels);
-    for _ in 0..2 {
+    for pass in 0..2 {
         view.samples(middle, wedge.origin, ROUGH, &mut seen, &mut samples);
-        wedge = wedge.fit(&samples, &[], &prior, Stage::Rough)?.wedge.recentred(0.0);
-        if wedge.origin.length() > most {
+        let rough = wedge.fit(&samples, &[], &prior, Stage::Rough)?;
+        wedge = rough.wedge.recentred(0.0);
+        if wedge.origin.length() > most || (pass == 1 && is_hopeless(&rough, &prior, HOPELESS[0])) {
             return None;
         }
     }
-    finish(view, flats, (middle, most), wedge, materials, &prior)
+    finish(view, &FlatIndex::new(&[]), (middle, most), wedge, materials, &prior)
 }
 
 /// What is known before the fits at a place.
@@ -360,7 +362,13 @@ fn finish(
         let bends = flanks_of(view, flats, middle, &wedge, &materials, &mut on);
         let prior = &Prior { bends, ..*prior };
         let planar = wedge.fit(&samples, &on, prior, Stage::Planar)?;
+        if is_hopeless(&planar, prior, HOPELESS[1]) {
+            return None;
+        }
         let best = planar.curved(&samples, &on, prior);
+        if is_hopeless(&best, prior, HOPELESS[2]) {
+            return None;
+        }
         wedge = best.wedge.recentred(0.0);
         let still = best.wedge.apex(0.0).length() < 0.1;
         last = Some(best);
@@ -384,6 +392,11 @@ fn finish(
     }
     let at = middle + view.units.voxel(fit.wedge.point(0.0));
     Some(Site { middle, at, materials, model: Model::Junction(Box::new(fit)) })
+}
+
+/// Whether a fit leaves so many times what may be left that a better middle will not mend it.
+fn is_hopeless(fit: &WedgeFit<3, JUNCTION>, prior: &Prior<3>, times: f64) -> bool {
+    fit.reduced() > times * most_reduced(fit.samples, &prior.reading, range_of(&prior.levels))
 }
 
 /// Radius of the window about a wedge, blur units: where its narrowest sector is wide enough for its material to be seen.

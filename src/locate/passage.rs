@@ -9,14 +9,12 @@ pub struct Passage {
     pub distance: f64,
     /// Unit normal of the interface there, from the first material to the second.
     pub normal: DVec3,
-    /// Standard deviation of the interface's place along the normal, for white noise.
-    pub sigma: f64,
 }
 
 impl Passage {
     /// With the two materials changed about.
     #[must_use]
     pub fn reversed(self) -> Self {
-        Self { distance: -self.distance, normal: -self.normal, ..self }
+        Self { distance: -self.distance, normal: -self.normal }
     }
 }

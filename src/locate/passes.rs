@@ -18,7 +18,7 @@ use super::edge_sites::edge_sites;
 use super::flanks::FlatIndex;
 use super::flat_starts;
 use super::frame::BlurUnits;
-use super::junction_sites::{blocks_of, junction_sites, refine};
+use super::junction_sites::{blocks_of, junction_sites, more_junctions, refine};
 use super::patches::{BLOCK, Flat, Patches, Rough};
 use super::site::Site;
 use super::sites::Sites;
@@ -59,7 +59,7 @@ impl Sheets {
 /// Pass 1, of the slices `core`.
 #[must_use]
 pub fn find_junctions(view: &View<'_>, core: Range<usize>) -> Vec<Site> {
-    junction_sites(view, &FlatIndex::new(&[]), &[], core)
+    junction_sites(view, core)
 }
 
 /// Pass 2, of the slices `core`; `junctions` are those of the whole volume.
@@ -112,8 +112,7 @@ impl Neighbourhood {
 pub fn find_curves(view: &View<'_>, junctions: &Sites, sheets: &Sheets, core: Range<usize>) -> Vec<Site> {
     let flats = FlatIndex::new(&sheets.flats);
     let mut found = refine(view, &flats, junctions.all(), &core);
-    // What was refused at first may be accepted with the flanks known.
-    found.extend(junction_sites(view, &flats, junctions.all(), core.clone()));
+    found.extend(more_junctions(view, &flats, junctions.all(), &core));
     let relabelled = Relabelled::new(view, junctions);
     let relabelled = relabelled.view(view);
     let places = junctions_about(&relabelled, &core);

@@ -104,6 +104,55 @@ impl Shape {
             Self::Rough => None,
         }
     }
+
+    /// Standard deviation of the surface's place along its normal there, for white noise; NaN if there is none.
+    fn sigma(&self, at: DVec3) -> f64 {
+        match self {
+            Self::Sheet(sheet) => sheet.sigma(at),
+            Self::Ball(ball) => ball.sigma(at),
+            Self::Rough => f64::NAN,
+        }
+    }
+}
+
+/// What patches say of the interface of a pair in a block.
+#[derive(Debug, Clone, Copy)]
+pub struct OfBlock<'a> {
+    shapes: &'a [Shape],
+    /// The block's lowest voxel.
+    corner: DVec3,
+    units: BlurUnits,
+}
+
+impl OfBlock<'_> {
+    /// Whether the interface passes the block, fitted or not.
+    #[must_use]
+    pub fn passes(&self) -> bool {
+        !self.shapes.is_empty()
+    }
+
+    /// Whether it is the same block.
+    pub(super) fn is_of(&self, other: &Self) -> bool {
+        std::ptr::eq(self.shapes, other.shapes)
+    }
+
+    fn nearest(&self, at: DVec3) -> Option<(&Shape, Passage)> {
+        let at = self.units.of(at - self.corner);
+        let all = self.shapes.iter().filter_map(|shape| Some((shape, shape.passage(at)?)));
+        all.min_by(|a, b| a.1.distance.abs().total_cmp(&b.1.distance.abs()))
+    }
+
+    /// Where the interface passes `at` (voxels).
+    #[must_use]
+    pub fn passage(&self, at: DVec3) -> Option<Passage> {
+        self.nearest(at).map(|(_, passage)| passage)
+    }
+
+    /// Standard deviation of its place along the normal there, blur units, for white noise.
+    #[must_use]
+    pub fn sigma(&self, at: DVec3) -> Option<f64> {
+        self.nearest(at).map(|(shape, _)| shape.sigma(self.units.of(at - self.corner)))
+    }
 }
 
 /// The patches of a run of slices.
@@ -165,27 +214,11 @@ impl Patches {
         out
     }
 
-    /// Where the interface of a pair (ascending) passes `at` (voxels), by the patch of the block that voxel
-    /// `from` is in.
+    /// What they say of the interface of a pair (ascending) in the block that voxel `from` is in.
     #[must_use]
-    pub fn passage(
-        &self,
-        units: &BlurUnits,
-        from: [usize; 3],
-        pair: [MaterialId; 2],
-        at: DVec3,
-    ) -> Option<Passage> {
+    pub fn of_block(&self, units: BlurUnits, from: [usize; 3], pair: [MaterialId; 2]) -> OfBlock<'_> {
         let corner = DVec3::from(from.map(|c| (c / BLOCK * BLOCK) as f64));
-        self.own(from, pair)
-            .iter()
-            .filter_map(|shape| shape.passage(units.of(at - corner)))
-            .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
-    }
-
-    /// Whether the interface of a pair (ascending) passes the block that voxel `from` is in, fitted or not.
-    #[must_use]
-    pub fn passes(&self, from: [usize; 3], pair: [MaterialId; 2]) -> bool {
-        !self.own(from, pair).is_empty()
+        OfBlock { shapes: self.own(from, pair), corner, units }
     }
 
     /// What is kept of the block of a voxel.
@@ -242,7 +275,7 @@ impl Patches {
                     .filter_map(|(voxel, [own, other])| {
                         let pair = if own < other { [own, other] } else { [other, own] };
                         let at = DVec3::from(voxel.map(|c| c as f64));
-                        let passage = self.passage(units, voxel, pair, at)?;
+                        let passage = self.of_block(*units, voxel, pair).passage(at)?;
                         let right = pair[usize::from(passage.distance > 0.0)];
                         (right != own && passage.distance.abs() < NOISY).then_some((voxel, right))
                     })
@@ -278,17 +311,27 @@ impl Kept {
         }
     }
 
+    /// Axes u, v, w, and a place (blur units from the block's corner) in them.
+    fn seen(&self, at: DVec3) -> ([DVec3; 3], DVec3) {
+        let [origin, u, w] = [self.origin, self.u, self.w].map(|v| DVec3::from(v.map(f64::from)));
+        let (v, q) = (w.cross(u), at - origin);
+        ([u, v, w], DVec3::new(u.dot(q), v.dot(q), w.dot(q)))
+    }
+
     /// At a place in blur units from the block's corner.
     fn passage(&self, at: DVec3) -> Passage {
-        let [origin, u_axis, w_axis] = [self.origin, self.u, self.w].map(|v| DVec3::from(v.map(f64::from)));
-        let v_axis = w_axis.cross(u_axis);
-        let q = at - origin;
-        let (u, v) = (u_axis.dot(q), v_axis.dot(q));
+        let ([u_axis, v_axis, w_axis], DVec3 { x: u, y: v, z: w }) = self.seen(at);
         let x = self.form.map(f64::from);
         let height = x[0] + x[1] * u + x[2] * v + 0.5 * (x[3] * u * u + x[5] * v * v) + x[4] * u * v;
         let slope = [x[1] + x[3] * u + x[4] * v, x[2] + x[4] * u + x[5] * v];
         let scale = 1.0 / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
         let normal = (w_axis - u_axis * slope[0] - v_axis * slope[1]) * scale;
+        Passage { distance: (w - height) * scale, normal }
+    }
+
+    /// Standard deviation there along the normal, for white noise.
+    fn sigma(&self, at: DVec3) -> f64 {
+        let (_, DVec3 { x: u, y: v, .. }) = self.seen(at);
         let g = [1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v];
         let mut variance = 0.0;
         let mut at = 0;
@@ -299,7 +342,7 @@ impl Kept {
                 at += 1;
             }
         }
-        Passage { distance: (w_axis.dot(q) - height) * scale, normal, sigma: variance.max(0.0).sqrt() }
+        variance.max(0.0).sqrt()
     }
 }
 

@@ -4,7 +4,8 @@ use glam::{DVec2, DVec3};
 
 use super::frame::BlurUnits;
 use super::passage::Passage;
-use super::patches::Patches;
+use super::patches::{OfBlock, Patches};
+use super::site::Site;
 use super::sites::{CurveKind, FARTHER, Sites};
 use crate::classify::BitPlanes;
 use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
@@ -18,6 +19,8 @@ const BEYOND: f64 = 0.5;
 const FLATTEST: f64 = 1e-3;
 /// The interface may be so far from the place found, blur units: at the end of the search.
 const LEFT: f64 = 0.2;
+/// So far before and behind a crossing (in edge lengths) its materials must be there.
+pub(super) const BESIDE: f64 = 0.03;
 
 /// What the models say, for a part of the volume; where they say nothing another rule does.
 pub struct Located<'a> {
@@ -38,20 +41,38 @@ pub struct Located<'a> {
 }
 
 /// A crossing by a model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+#[derive(Debug, Clone, Copy)]
+pub struct Found<'a> {
     /// Fraction of the edge, not yet kept off its ends.
     pub position: f64,
     /// Normal in blur units from the material at the lower end to the other.
     pub normal: DVec3,
-    /// Standard deviation along the normal, voxels.
-    pub sigma: f64,
+    /// The model, and the place in its coordinates.
+    by: By<'a>,
+    at: DVec3,
 }
 
-impl Located<'_> {
+/// The model that knows a crossing.
+#[derive(Debug, Clone, Copy)]
+enum By<'a> {
+    Site(&'a Site, [MaterialId; 2]),
+    Patch(OfBlock<'a>),
+}
+
+impl By<'_> {
+    /// Standard deviation along the normal, blur units, as for white noise.
+    fn sigma(&self, at: DVec3) -> Option<f64> {
+        match self {
+            Self::Site(site, pair) => site.sigma(*pair, at),
+            Self::Patch(patch) => patch.sigma(at),
+        }
+    }
+}
+
+impl<'a> Located<'a> {
     /// The crossing on an edge, in padded coordinates.
     #[must_use]
-    pub fn find(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found> {
+    pub fn find(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found<'a>> {
         let mut to = from;
         to[axis] += 1;
         let near_curve = [from, to].iter().any(|p| self.zone.bit(0, p[0], p[1], p[2]));
@@ -70,13 +91,29 @@ impl Located<'_> {
         }
         let step = DVec3::AXES[axis] * self.units.per_voxel[axis];
         let start = answer.at - step * 0.5;
-        let passage = |t: f64| answer.site.passage(labels, start + step * t);
-        if let Some(t) = answer.site.change(labels, start, step)
-            && let Some(p) = passage(t)
+        let site = answer.site;
+        let found = |position: f64, passage: Passage| Found {
+            position,
+            normal: passage.normal,
+            by: By::Site(site, labels),
+            at: start + step * position,
+        };
+        let passage = |t: f64| site.passage(labels, start + step * t);
+        let solved = solve(passage).map(|(t, passage)| found(t, passage));
+        // Mostly that is where the one material ends and the other begins, and no more need be asked.
+        let beside = |t: f64| [-BESIDE, BESIDE].map(|by| site.material(start + step * (t + by)));
+        if let Some(found) = &solved
+            && (0.0..=1.0).contains(&found.position)
+            && beside(found.position) == labels
         {
-            return Some(Found { position: t, normal: p.normal, sigma: self.voxels(p.sigma) });
+            return solved;
         }
-        self.solve(passage).or_else(|| self.by_patch(voxel, axis, labels))
+        if let Some(t) = site.change(labels, start, step)
+            && let Some(passage) = passage(t)
+        {
+            return Some(found(t, passage));
+        }
+        solved.or_else(|| self.by_patch(voxel, axis, labels))
     }
 
     /// A standard deviation in blur units, as for white noise, in voxels as it is.
@@ -84,49 +121,71 @@ impl Located<'_> {
         sigma * self.units.mean_voxels * self.inflation
     }
 
+    /// Where a crossing lies that was found or not, as contouring asks for it.
+    fn position_of(
+        &self,
+        found: Option<&Found<'_>>,
+        from: [usize; 3],
+        axis: usize,
+        labels: [MaterialId; 2],
+    ) -> Option<f32> {
+        match found {
+            Some(found) => Some((found.position as f32).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN)),
+            None => self.otherwise.located(from, axis, labels),
+        }
+    }
+
+    /// Standard deviation of a crossing along its normal, voxels.
+    fn sigma_of(&self, found: &Found<'_>) -> Option<f64> {
+        found.by.sigma(found.at).map(|sigma| self.voxels(sigma))
+    }
+
     /// By the patch of the block of the edge's lower end, or of its upper end.
-    fn by_patch(&self, voxel: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found> {
+    fn by_patch(&self, voxel: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<Found<'a>> {
         let rising = labels[0] < labels[1];
         let pair = if rising { labels } else { [labels[1], labels[0]] };
         let mut next = voxel;
         next[axis] += 1;
         let start = DVec3::from(voxel.map(|c| c as f64));
-        let by = |block_of: [usize; 3]| {
-            self.solve(|t| {
-                let at = start + DVec3::AXES[axis] * t;
-                let passage = self.patches.passage(&self.units, block_of, pair, at)?;
+        let by = |patch: OfBlock<'a>| {
+            let place = |t: f64| start + DVec3::AXES[axis] * t;
+            let (position, passage) = solve(|t| {
+                let passage = patch.passage(place(t))?;
                 Some(if rising { passage } else { passage.reversed() })
-            })
+            })?;
+            Some(Found { position, normal: passage.normal, by: By::Patch(patch), at: place(position) })
         };
-        let ends = [voxel, next];
-        if ends.iter().any(|&end| self.patches.passes(end, pair)) {
-            return ends.into_iter().find_map(by);
+        let of_block = |voxel: [usize; 3]| self.patches.of_block(self.units, voxel, pair);
+        let ends = [voxel, next].map(of_block);
+        if ends.iter().any(OfBlock::passes) {
+            // Mostly both ends lie in one block.
+            let others = ends.into_iter().skip(1).filter(|end| !end.is_of(&ends[0]));
+            return by(ends[0]).or_else(|| others.into_iter().find_map(by));
         }
         // The labels came to differ here after the patches were made: a neighbour's is of the same sheet.
-        ends.into_iter().flat_map(around).find_map(by)
+        [voxel, next].into_iter().flat_map(around).map(of_block).find_map(by)
     }
+}
 
-    /// The place on an edge where a distance is zero, by the secant method. The distance rises along the edge.
-    fn solve(&self, passage: impl Fn(f64) -> Option<Passage>) -> Option<Found> {
-        let mut before = (0.0, passage(0.0)?.distance);
-        let mut at = 1.0;
-        let mut here = passage(at)?;
-        for _ in 0..4 {
-            let slope = (here.distance - before.1) / (at - before.0);
-            if slope <= FLATTEST {
-                return None;
-            }
-            let next = (at - here.distance / slope).clamp(-BEYOND, 1.0 + BEYOND);
-            if (next - at).abs() < 1e-6 {
-                break;
-            }
-            before = (at, here.distance);
-            at = next;
-            here = passage(at)?;
+/// The place on an edge where a distance is zero, and what is there, by the secant method. The distance rises along the edge.
+fn solve(passage: impl Fn(f64) -> Option<Passage>) -> Option<(f64, Passage)> {
+    let mut before = (0.0, passage(0.0)?.distance);
+    let mut at = 1.0;
+    let mut here = passage(at)?;
+    for _ in 0..4 {
+        let slope = (here.distance - before.1) / (at - before.0);
+        if slope <= FLATTEST {
+            return None;
         }
-        let sigma = self.voxels(here.sigma);
-        (here.distance.abs() <= LEFT).then_some(Found { position: at, normal: here.normal, sigma })
+        let next = (at - here.distance / slope).clamp(-BEYOND, 1.0 + BEYOND);
+        if (next - at).abs() < 1e-6 {
+            break;
+        }
+        before = (at, here.distance);
+        at = next;
+        here = passage(at)?;
     }
+    (here.distance.abs() <= LEFT).then_some((at, here))
 }
 
 /// The six neighbours of a voxel.
@@ -184,10 +243,7 @@ impl CrossingRule for Located<'_> {
     }
 
     fn located(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Option<f32> {
-        match self.find(from, axis, labels) {
-            Some(found) => Some((found.position as f32).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN)),
-            None => self.otherwise.located(from, axis, labels),
-        }
+        self.position_of(self.find(from, axis, labels).as_ref(), from, axis, labels)
     }
 
     fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
@@ -199,10 +255,15 @@ impl CrossingRule for Located<'_> {
     }
 
     fn sigma(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
-        match self.find(from, axis, labels) {
-            Some(found) => found.sigma as f32,
-            None => self.otherwise.sigma(from, axis, labels),
-        }
+        let found = self.find(from, axis, labels).and_then(|found| self.sigma_of(&found));
+        found.map_or_else(|| self.otherwise.sigma(from, axis, labels), |sigma| sigma as f32)
+    }
+
+    fn placed(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> (f32, f32) {
+        let found = self.find(from, axis, labels);
+        let position = self.position_of(found.as_ref(), from, axis, labels).unwrap_or(0.5);
+        let sigma = found.and_then(|found| self.sigma_of(&found));
+        (position, sigma.map_or_else(|| self.otherwise.sigma(from, axis, labels), |sigma| sigma as f32))
     }
 
     fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {

@@ -70,6 +70,21 @@ impl Site {
         }
     }
 
+    /// Standard deviation of the place of that interface along its normal, for white noise.
+    #[must_use]
+    pub fn sigma(&self, pair: [MaterialId; 2], at: DVec3) -> Option<f64> {
+        let of = |sheet: Option<(usize, bool)>| sheet.map(|s| s.0);
+        match &self.model {
+            Model::Junction(fit) => {
+                of(nearest_sheet(fit, &self.materials, pair, at)).map(|i| fit.sheet_sigma(i, at))
+            }
+            Model::Edge(fit) => {
+                of(nearest_sheet(fit, &self.materials, pair, at)).map(|i| fit.sheet_sigma(i, at))
+            }
+            Model::Corner(corner) => corner.sigma(pair, at),
+        }
+    }
+
     /// Where the segment from `start` along `step` goes from material `a` to `b`, as a fraction; `None` if it does
     /// not, once.
     #[must_use]
@@ -187,22 +202,34 @@ fn on_sheet<const R: usize, const N: usize>(
 fn passage<const R: usize, const N: usize>(
     fit: &WedgeFit<R, N>,
     materials: &[MaterialId],
-    [a, b]: [MaterialId; 2],
+    pair: [MaterialId; 2],
     at: DVec3,
 ) -> Option<Passage> {
-    let mut best: Option<(f64, Passage)> = None;
-    for i in 0..R {
+    let (i, along) = nearest_sheet(fit, materials, pair, at)?;
+    let (distance, _, normal) = fit.wedge.sheet(i, at);
+    let passage = Passage { distance, normal };
+    Some(if along { passage } else { passage.reversed() })
+}
+
+/// The sheet of a wedge between two materials that is nearest to a place, and whether it goes from the first to the second.
+fn nearest_sheet<const R: usize, const N: usize>(
+    fit: &WedgeFit<R, N>,
+    materials: &[MaterialId],
+    [a, b]: [MaterialId; 2],
+    at: DVec3,
+) -> Option<(usize, bool)> {
+    let of_pair = |i: usize| {
         let (before, after) = (materials[(i + R - 1) % R], materials[i]);
         let along = (before, after) == (a, b);
-        if !along && (before, after) != (b, a) {
-            continue;
-        }
-        let (distance, c, normal) = fit.wedge.sheet(i, at);
-        let away = distance.hypot(c.min(0.0));
-        if best.as_ref().is_none_or(|(least, _)| away < *least) {
-            let passage = Passage { distance, normal, sigma: fit.sheet_sigma(i, at) };
-            best = Some((away, if along { passage } else { passage.reversed() }));
-        }
-    }
-    best.map(|b| b.1)
+        (along || (before, after) == (b, a)).then_some((i, along))
+    };
+    let mut own = (0..R).filter_map(of_pair);
+    let first = own.next()?;
+    let Some(second) = own.next() else { return Some(first) };
+    // Both sheets of an edge.
+    let away = |(i, _): (usize, bool)| {
+        let (distance, c, _) = fit.wedge.sheet(i, at);
+        distance.hypot(c.min(0.0))
+    };
+    Some(if away(second) < away(first) { second } else { first })
 }

@@ -7,8 +7,6 @@
 //! or cut off from something larger. No model has looked for a part there (thin parts are labelled before), so what curves
 //! said of them and around them is taken back; what is an island still becomes what is around it.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use crate::classify::{BitPlanes, LabelVolume, WORD};
@@ -26,26 +24,12 @@ const ROUNDS: [bool; 3] = [true, false, false];
 /// Removes specks and islands in and beside `zone`, in the slices that `labels` holds; `before` are the labels before curves
 /// were heard.
 pub(super) fn remove_specks(labels: &mut LabelVolume, before: &LabelVolume, zone: &BitPlanes) {
-    let rows = labels.codes().voxel_slices().into_par_iter();
-    let height = labels.size()[1];
-    let voxels: Vec<[usize; 3]> = rows
-        .flat_map_iter(|z| (1..=height).map(move |y| [y, z]))
-        .flat_map_iter(|[y, z]| {
-            let words = zone.row(0, y, z).iter().enumerate().filter(|(_, word)| **word != 0);
-            words.flat_map(move |(w, &word)| {
-                (0..WORD).filter(move |bit| word >> bit & 1 == 1).map(move |bit| [w * WORD + bit, y, z])
-            })
-        })
-        .collect();
     for take_back in ROUNDS {
         let now = &*labels;
-        let mut found: Vec<Part> = voxels
-            .par_iter()
-            // Those beside it that are of the zone are looked at themselves.
-            .flat_map_iter(|v| touched(now, *v).filter(move |t| t == v || !zone.bit(0, t[0], t[1], t[2])))
-            .filter(|voxel| is_end(now, *voxel))
-            .filter_map(|voxel| island(now, before, voxel))
-            .collect();
+        // A part's first and last voxel differ from three neighbours on one side.
+        let is_end = |[a, b, c, d, e, f]: [u64; 6]| a & c & e | b & d & f;
+        let mut found: Vec<Part> =
+            about(now, zone, is_end).into_par_iter().filter_map(|voxel| island(now, before, voxel)).collect();
         if found.is_empty() {
             break;
         }
@@ -62,7 +46,57 @@ pub(super) fn remove_specks(labels: &mut LabelVolume, before: &LabelVolume, zone
             apply(labels, found);
         }
     }
-    settle(labels, &voxels, MOST);
+    let borders = about(labels, zone, |differ| differ.into_iter().fold(0, |any, word| any | word));
+    settle(labels, &borders, MOST);
+}
+
+/// The voxels (padded) in `zone` or beside it that `wanted` picks, told for a word of voxels at a time which differ from their
+/// neighbour at the lower and the upper side along x, y and z.
+fn about(labels: &LabelVolume, zone: &BitPlanes, wanted: impl Fn([u64; 6]) -> u64 + Sync) -> Vec<[usize; 3]> {
+    let codes = labels.codes();
+    let held = codes.slices();
+    let row = |[y, z]: [usize; 2]| {
+        let beside = [[y - 1, z], [y + 1, z], [y, z - 1], [y, z + 1]];
+        let beside = beside.map(|[y, z]| held.contains(&z).then_some([y, z]));
+        let own = zone.row(0, y, z);
+        let spoken = |w: usize| {
+            let others = beside.iter().flatten().map(|&[y, z]| zone.row(0, y, z)[w]);
+            let [left, right] = neighbours_in_row(own, w);
+            others.fold(own[w] | left | right, |any, word| any | word)
+        };
+        let differ = |w: usize| {
+            let mut differ = [0u64; 6];
+            for p in 0..codes.count() {
+                let own = codes.row(p, y, z);
+                let across = beside.map(|at| at.map_or(own[w], |[y, z]| codes.row(p, y, z)[w]));
+                let sides = neighbours_in_row(own, w).into_iter().chain(across);
+                differ.iter_mut().zip(sides).for_each(|(differ, side)| *differ |= own[w] ^ side);
+            }
+            differ
+        };
+        let mut out = Vec::new();
+        for w in 0..codes.words() {
+            let spoken = spoken(w) & codes.voxel_mask(w);
+            if spoken != 0 {
+                let found = spoken & wanted(differ(w));
+                out.extend((0..WORD).filter(|bit| found >> bit & 1 == 1).map(|bit| [w * WORD + bit, y, z]));
+            }
+        }
+        out
+    };
+    codes
+        .voxel_slices()
+        .into_par_iter()
+        .flat_map_iter(|z| (1..=labels.size()[1]).map(move |y| [y, z]))
+        .flat_map_iter(row)
+        .collect()
+}
+
+/// A word of a row as seen from one voxel farther on, and from one before.
+fn neighbours_in_row(row: &[u64], w: usize) -> [u64; 2] {
+    let before = if w > 0 { row[w - 1] >> (WORD - 1) } else { 0 };
+    let behind = row.get(w + 1).map_or(0, |next| next << (WORD - 1));
+    [row[w] << 1 | before, row[w] >> 1 | behind]
 }
 
 /// Voxels that hang together, and what they are to become.
@@ -107,20 +141,6 @@ fn neighbours([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
 /// A voxel and the 26 around it.
 fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
-}
-
-/// Whether a voxel may be the first or the last of what hangs together with it.
-fn is_end(labels: &LabelVolume, voxel: [usize; 3]) -> bool {
-    let own = labels.at(voxel);
-    let other = |sides: Range<usize>| {
-        let mut all = sides.map(|a| {
-            let mut at = voxel;
-            at[a % 3] = if a < 3 { at[a] - 1 } else { at[a - 3] + 1 };
-            labels.codes().slices().contains(&at[2]) && labels.at(at) != own
-        });
-        all.all(|differs| differs)
-    };
-    other(0..3) || other(3..6)
 }
 
 /// The voxels (ascending) that hang together with `from` and have its label, if they are all held and within `far` of

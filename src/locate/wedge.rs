@@ -479,8 +479,13 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
 
 /// Whether a misfit per sample is what noise allows, at the scan's worse interfaces too, or a small share of the contrast.
 pub(super) fn is_explained(reduced: f64, samples: usize, reading: &Reading, contrast: f64) -> bool {
-    reduced < reading.slack * (1.0 + 7.0 * (2.0 / samples as f64).sqrt())
-        || reduced.sqrt() * reading.noise < RESIDUAL * contrast
+    reduced < most_reduced(samples, reading, contrast)
+}
+
+/// The misfit per sample that may be left.
+pub(super) fn most_reduced(samples: usize, reading: &Reading, contrast: f64) -> f64 {
+    let by_noise = reading.slack * (1.0 + 7.0 * (2.0 / samples as f64).sqrt());
+    by_noise.max((RESIDUAL * contrast / reading.noise).powi(2))
 }
 
 /// Residuals up to this share of the contrast are the model's: with little noise they would be seen.

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::rule::{FAR, Located};
+use super::rule::{BESIDE, FAR, Located};
 use super::sites::{CurveKind, FARTHER};
 use crate::contour::{CrossingRule, Node, Wishes};
 use crate::grid::MaterialId;
@@ -37,7 +37,7 @@ impl Wishes for Located<'_> {
         // Where the edge has left its first material, and where it comes to its second.
         let t = f64::from(self.position(from, axis, labels));
         let safe = start + step * t;
-        let beside = [-0.03, 0.03].map(|by| answer.site.material(safe + step * by));
+        let beside = [-BESIDE, BESIDE].map(|by| answer.site.material(safe + step * by));
         if beside == labels {
             return None;
         }

@@ -4,8 +4,9 @@
 //! triangles of all cells within [`AROUND`] of a cell with such a vertex. No other triangle can meet one that moves: a
 //! vertex moves by less than one along each axis, so its triangles stay within one cell of theirs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
@@ -14,7 +15,7 @@ use super::fill::place;
 use super::kinks::{KINK, TIP, kink_of};
 use super::{runs, walk};
 use crate::classify::LabelVolume;
-use crate::contour::crossing::Node;
+use crate::contour::crossing::{CrossingRule, Node};
 use crate::contour::error::ContourError;
 use crate::contour::moves::{Wish, Wishes};
 use crate::contour::patch::Border;
@@ -94,6 +95,8 @@ pub fn surroundings<W: Wishes>(
     let parts: Vec<Surroundings> = near
         .par_chunks(1 << 10)
         .map(|cells| {
+            let remembered = Remembered::new(rule);
+            let gatherer = Gatherer { labels, rule: &remembered, border, table: PatternTable::get() };
             let mut out = Surroundings::default();
             cells.iter().for_each(|&[z, y, x]| gatherer.gather(&mut out, [x, y, z]));
             out
@@ -122,6 +125,56 @@ struct Gatherer<'a, W> {
     rule: &'a W,
     border: Border,
     table: &'static PatternTable,
+}
+
+/// A rule whose crossings and kinks are asked for once, though four cells share an edge and two a face.
+struct Remembered<'a, W> {
+    rule: &'a W,
+    // One thread uses it; a rule has to be `Sync`.
+    crossings: Mutex<HashMap<([usize; 3], usize), f32>>,
+    kinks: Mutex<HashMap<([usize; 3], usize), Option<Node>>>,
+}
+
+impl<'a, W: CrossingRule> Remembered<'a, W> {
+    fn new(rule: &'a W) -> Self {
+        Self { rule, crossings: Mutex::default(), kinks: Mutex::default() }
+    }
+}
+
+/// What is kept for a place, or found now.
+fn recalled<T: Copy>(
+    kept: &Mutex<HashMap<([usize; 3], usize), T>>,
+    place: ([usize; 3], usize),
+    find: impl FnOnce() -> T,
+) -> T {
+    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+    *kept.entry(place).or_insert_with(find)
+}
+
+impl<W: CrossingRule> CrossingRule for Remembered<'_, W> {
+    fn position(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> f32 {
+        recalled(&self.crossings, (from, axis), || self.rule.position(from, axis, labels))
+    }
+
+    fn joins_first(&self, ring: [[usize; 3]; 4], labels: [MaterialId; 2]) -> bool {
+        self.rule.joins_first(ring, labels)
+    }
+
+    fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        self.rule.node(low, axis)
+    }
+
+    fn apex(&self, low: [usize; 3]) -> Option<Node> {
+        self.rule.apex(low)
+    }
+
+    fn has_kinks(&self) -> bool {
+        self.rule.has_kinks()
+    }
+
+    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+        recalled(&self.kinks, (low, axis), || self.rule.kink(low, axis))
+    }
 }
 
 impl<W: Wishes> Gatherer<'_, W> {
@@ -207,7 +260,9 @@ impl<W: Wishes> Gatherer<'_, W> {
             found.cells.push(low);
         }
     }
+}
 
+impl<C: CrossingRule> Gatherer<'_, C> {
     /// Where the node of a face lies by construction.
     fn node(&self, low: [usize; 3], axis: usize) -> [f32; 3] {
         place(low, Cell::of_face(self.labels, low, axis).face_node(self.rule, 2 * axis).at)
