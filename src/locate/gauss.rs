@@ -36,6 +36,20 @@ fn exact_distribution(x: f64) -> f64 {
     0.5 * libm::erfc(-x * FRAC_1_SQRT_2)
 }
 
+/// Where the distribution function has the value `share`, within its range.
+pub(super) fn quantile(share: f64) -> f64 {
+    let (mut low, mut high) = (-END, END);
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if exact_distribution(middle) < share {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
 impl Tables {
     fn new() -> Self {
         let h = 1.0 / NODES as f64;
@@ -80,6 +94,15 @@ impl Tables {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quantiles_are_where_the_distribution_has_their_value() {
+        for i in -40..=40 {
+            let x = f64::from(i) * 0.1;
+            assert!((quantile(exact_distribution(x)) - x).abs() < 1e-7, "{x}");
+        }
+        assert!(quantile(0.5).abs() < 1e-12 && quantile(0.0) < -6.0 && quantile(1.0) > 6.0);
+    }
 
     #[test]
     fn tables_agree_with_the_functions() {

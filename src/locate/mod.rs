@@ -14,8 +14,8 @@
 //!   accepted; `flanks`: what patches tell wedges.
 //! - `corner_sites`, `cone_sites`: the same for corners; `corner_planes`: what patches tell them; `corner_starts`:
 //!   which octant holds what.
-//! - `slab_model`, `ball_model`: two interfaces near to each other. `ridges`, `thin`: labels of thin parts, before all
-//!   else; `thin_faces`: their patches; `thin_levels`: the levels of materials that are
+//! - `flat_cores`: labels of parts a little too thin for the published classification, before all else.
+//! - `slab_model`, `ball_model`: two interfaces near to each other. `ridges`, `thin`: labels of thin parts, then; `thin_faces`: their patches; `thin_levels`: the levels of materials that are
 //!   nowhere thick.
 //! - `site`, `corner_site`, `sites`: what a wedge or a corner says nearby, and which one speaks for a place.
 //! - `specks`: what neighbouring sites leave between them. `passes`: the order of all this, in slabs. `rule`, `hermite`, `wishes`: what contouring asks.
@@ -44,6 +44,7 @@ mod edge_sites;
 #[cfg(test)]
 mod fixtures;
 mod flanks;
+mod flat_cores;
 mod flat_starts;
 mod frame;
 mod gauss;
@@ -73,6 +74,7 @@ mod wedge_rows;
 mod wishes;
 
 pub use corner_site::CornerSite;
+pub use flat_cores::{find_flat_cores, reach as flat_reach};
 pub use frame::BlurUnits;
 pub use hermite::LocatedHermite;
 pub use passage::Passage;

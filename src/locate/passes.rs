@@ -138,7 +138,9 @@ pub struct Models {
 pub fn models(view: &View<'_>, curves: &Sites, core: Range<usize>, beyond: usize) -> Models {
     let relabelled = Relabelled::new(view, curves);
     let depth = view.slab.size()[2];
-    // The cells of the core reach one slice beyond it, and their edges' upper ends one more.
+    // The cells of the core reach one slice beyond it, and their edges' upper ends one more; what is a speck is told by what is
+    // around it.
+    let beyond = beyond + specks::MOST - 1;
     let slices = core.start.saturating_sub(2 + beyond)..(core.end + 3 + beyond).min(depth);
     let patches = Patches::fit(&relabelled.view(view), slices.start / BLOCK..slices.end.div_ceil(BLOCK));
     let Relabelled { mut labels, zone, .. } = relabelled;

@@ -17,7 +17,7 @@ use super::crossing_edges::crossing_edges;
 use super::frame::BlurUnits;
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample, Sheet, fit_sheet};
-use super::specks::settle;
+use super::specks::{MOST, settle};
 use super::thin_faces::{ThinFace, explains, thin_face};
 use super::view::{Seen, View};
 use crate::classify::{BitPlanes, LabelVolume};
@@ -286,7 +286,7 @@ impl Patches {
             labels.set(voxel.map(|c| c + 1), *material);
         }
         // Neighbours judge by patches of their own: what they leave alone follows them.
-        settle(labels, &wrong.iter().map(|(voxel, _)| voxel.map(|c| c + 1)).collect::<Vec<_>>(), 1);
+        settle(labels, &wrong.iter().map(|(voxel, _)| voxel.map(|c| c + 1)).collect::<Vec<_>>(), MOST);
     }
 }
 

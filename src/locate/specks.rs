@@ -99,8 +99,8 @@ fn neighbours_in_row(row: &[u64], w: usize) -> [u64; 2] {
     [row[w] << 1 | before, row[w] >> 1 | behind]
 }
 
-/// Voxels that hang together, and what they are to become.
-type Part = (Vec<[usize; 3]>, MaterialId);
+/// Voxels that hang together (padded), and what they are to become.
+pub(super) type Part = (Vec<[usize; 3]>, MaterialId);
 
 fn apply(labels: &mut LabelVolume, found: Vec<Part>) {
     for (part, material) in found {
@@ -113,14 +113,16 @@ fn apply(labels: &mut LabelVolume, found: Vec<Part>) {
 /// Removes the specks of up to `most` voxels that these voxels (padded) are of or touch. Every speck is judged by the labels as
 /// they were, so the order does not matter.
 pub(super) fn settle(labels: &mut LabelVolume, voxels: &[[usize; 3]], most: usize) {
-    let before = &*labels;
-    let found: Vec<Part> = voxels
-        .par_iter()
-        .flat_map_iter(|&voxel| {
-            touched(before, voxel).filter_map(|at| speck(before, at, most)).collect::<Vec<_>>()
-        })
-        .collect();
+    let found = specks(labels, voxels, most);
     apply(labels, found);
+}
+
+/// The specks of up to `most` voxels that these voxels (padded) are of or touch; some more than once.
+pub(super) fn specks(labels: &LabelVolume, voxels: &[[usize; 3]], most: usize) -> Vec<Part> {
+    let around = |voxel: &[usize; 3]| -> Vec<Part> {
+        touched(labels, *voxel).filter_map(|at| speck(labels, at, most)).collect()
+    };
+    voxels.par_iter().flat_map_iter(around).collect()
 }
 
 /// Whether a place (padded) is a voxel that is held.

@@ -36,7 +36,7 @@ use super::sheet::Sample;
 use super::slab_model::{Slab, Start, fit_slab, peak};
 use super::specks;
 use super::thin_faces::{TAINTED, WINDOW, explains, label_at, levels, strange};
-use super::view::{Scan, Seen, View};
+use super::view::{Seen, View};
 use crate::grid::MaterialId;
 
 /// A slab speaks for places so far from its seed's foot along it, and so far beyond its faces; blur units.
@@ -158,13 +158,6 @@ fn seeds(view: &View<'_>, finder: &Finder, layer: usize) -> Vec<Seed> {
     });
     found.dedup_by_key(|f| (f.0, f.1));
     found.into_iter().map(|f| f.2).collect()
-}
-
-impl Scan {
-    /// The material whose level in the table of materials is nearest.
-    fn class(&self, grey: f32) -> MaterialId {
-        MaterialId(self.thresholds.iter().take_while(|t| grey >= **t).count() as u8)
-    }
 }
 
 /// Whether a claim (of all, ascending) leaves no more than a few voxels that hang together.

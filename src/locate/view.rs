@@ -50,6 +50,12 @@ impl Scan {
         [median(|m| m.share), median(|m| m.spread)]
     }
 
+    /// The material whose level in the table of materials is nearest.
+    #[must_use]
+    pub fn class(&self, grey: f32) -> MaterialId {
+        MaterialId(self.thresholds.iter().take_while(|t| grey >= **t).count() as u8)
+    }
+
     /// The scan, seen through some slices.
     #[must_use]
     pub fn view<'a>(

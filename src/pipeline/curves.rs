@@ -5,8 +5,8 @@ use crate::classify::{BitPlanes, LabelStore, LabelVolume};
 use crate::execution::{Execution, Stage};
 use crate::grid::{Geometry, MaterialId};
 use crate::locate::{
-    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, find_curves, find_junctions, find_sheets, find_thin,
-    halo, thin_reach,
+    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, find_curves, find_flat_cores, find_junctions,
+    find_sheets, find_thin, flat_reach, halo, thin_reach,
 };
 use crate::material::{
     Blur, DEFAULT_RADIUS, Levels, Material, MaterialTable, Misfit, Noise, RADIUS_PER_SIGMA,
@@ -75,7 +75,7 @@ pub(super) fn scan(
 }
 
 /// Passes over the volume, contouring's not counted.
-const PASSES: u64 = 4;
+const PASSES: u64 = 5;
 
 /// What thin parts tell of a scan: the levels of materials that are nowhere thick, and the blur if there is no plain
 /// interface to measure it at. `None` if the blur is not known.
@@ -119,6 +119,13 @@ pub(super) fn locate<S: Sample>(
         stage.advance(core.len() as u64);
         execution.check()
     };
+    let mut flat = Vec::new();
+    window.sweep(slices, flat_reach(scan.units), |slab, core| {
+        let (labels, uncertain) = part(store, slab)?;
+        flat.append(&mut find_flat_cores(&scan.view(&slab, &labels, &uncertain), core.clone()));
+        Ok::<_, PipelineError>(done(&stage, &core)?)
+    })?;
+    store.relabel(flat.iter().map(|f| (f.voxel, f.material)))?;
     let reach = halo(scan.units);
     if thin_reach(scan.units) <= MOST_HALO {
         let mut thin = Vec::new();

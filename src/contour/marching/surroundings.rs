@@ -131,9 +131,12 @@ struct Gatherer<'a, W> {
 struct Remembered<'a, W> {
     rule: &'a W,
     // One thread uses it; a rule has to be `Sync`.
-    crossings: Mutex<HashMap<([usize; 3], usize), f32>>,
-    kinks: Mutex<HashMap<([usize; 3], usize), Option<Node>>>,
+    crossings: Mutex<ByPlace<f32>>,
+    kinks: Mutex<ByPlace<Option<Node>>>,
 }
+
+/// By lowest point and axis.
+type ByPlace<T> = HashMap<([usize; 3], usize), T>;
 
 impl<'a, W: CrossingRule> Remembered<'a, W> {
     fn new(rule: &'a W) -> Self {
@@ -142,11 +145,7 @@ impl<'a, W: CrossingRule> Remembered<'a, W> {
 }
 
 /// What is kept for a place, or found now.
-fn recalled<T: Copy>(
-    kept: &Mutex<HashMap<([usize; 3], usize), T>>,
-    place: ([usize; 3], usize),
-    find: impl FnOnce() -> T,
-) -> T {
+fn recalled<T: Copy>(kept: &Mutex<ByPlace<T>>, place: ([usize; 3], usize), find: impl FnOnce() -> T) -> T {
     let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
     *kept.entry(place).or_insert_with(find)
 }

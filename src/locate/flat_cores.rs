@@ -1,0 +1,136 @@
+//! Labels of parts that are a little too thin for the published classification.
+//!
+//! That takes a voxel for certain if a ball of R = 2.5 sigma around it is of one class, so parts under 2R (5 sigma, 6 voxels at the
+//! usual blur) come out in pieces, as what lies between the materials beside them. The ball is so large because a blurred
+//! interface between a dark and a bright material passes the levels of those between them. But it passes them at
+//! full slope, and in the middle of a part of four sigma or more the grey value hardly changes. So a smaller ball is enough where
+//! grey values are *flat*:
+//!
+//! 1. A *flat core* is a voxel around which all within [`BALL`] units are of one class (by the thresholds between neighbouring
+//!    levels), and at which the gradient is below [`FLAT`] of that with which interfaces pass this level. The lightest
+//!    and the densest material lie between no others, so nothing but they reaches their levels: their cores need no flatness.
+//! 2. The voxels of its ball are of its material, for certain; and so are specks of others that are left beside.
+//!
+//! Beyond the ball nothing is said: beside a junction what is of the class of the third material is no longer that.
+//! Guaranteed: all is decided by what is within [`reach`] of a voxel. Not guaranteed: parts under some four sigma, for which `thin`
+//! has models.
+
+use std::f64::consts::TAU;
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::frame::BlurUnits;
+use super::gauss::quantile;
+use super::specks;
+use super::thin::Relabelled;
+use super::view::{Scan, View};
+use crate::grid::MaterialId;
+
+/// Radius of the ball around a flat core, blur units.
+const BALL: f64 = 1.5;
+/// Gradient at a flat core, as a share of that of an interface which passes its level.
+const FLAT: f64 = 0.4;
+
+/// Slices that a ball reaches.
+fn ball_slices(units: BlurUnits) -> usize {
+    (BALL / units.per_voxel.z).ceil() as usize
+}
+
+/// Slices that this reads beyond those that it decides.
+#[must_use]
+pub fn reach(units: BlurUnits) -> usize {
+    // The boxes in which lost cores are looked for may be twice as far.
+    2 * ball_slices(units) + 1 + 2 * specks::MOST
+}
+
+/// The smallest gradient (per blur unit) with which a blurred interface between a lighter and a denser material passes the level
+/// of each material; infinite where there is none.
+fn passing(scan: &Scan) -> Vec<f64> {
+    let means = &scan.means;
+    let of = |m: usize| {
+        let pairs = means[..m].iter().flat_map(|a| means[m + 1..].iter().map(move |b| (a, b)));
+        pairs.fold(f64::INFINITY, |least, (a, b)| {
+            let z = quantile((means[m] - a) / (b - a));
+            least.min((b - a) * (-0.5 * z * z).exp() / TAU.sqrt())
+        })
+    };
+    (0..means.len()).map(of).collect()
+}
+
+/// Places around a voxel within a radius (blur units), voxels.
+fn offsets(units: BlurUnits, radius: f64) -> Vec<[isize; 3]> {
+    let far = units.voxel(DVec3::splat(radius)).to_array().map(|r| r.floor() as isize);
+    let all = (-far[2]..=far[2])
+        .flat_map(|z| (-far[1]..=far[1]).flat_map(move |y| (-far[0]..=far[0]).map(move |x| [x, y, z])));
+    all.filter(|by| units.of(DVec3::from(by.map(|c| c as f64))).length() <= radius).collect()
+}
+
+/// The voxels of the slices `core` that are of parts found so, and are not labelled so; ascending.
+#[must_use]
+pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
+    let (size, held) = (view.slab.size(), view.slab.slices());
+    let ball = offsets(view.units, BALL);
+    let steepest: Vec<f64> = passing(view.scan).into_iter().map(|g| FLAT * g).collect();
+    let class = |voxel: [usize; 3]| view.scan.class(view.slab.grey(voxel));
+    let is_unlike = |voxel: [usize; 3], m: MaterialId| view.is_uncertain(voxel) || view.label(voxel) != m;
+    let moved = |voxel: [usize; 3], by: &[isize; 3]| -> Option<[usize; 3]> {
+        let at: [usize; 3] = std::array::from_fn(|a| voxel[a].wrapping_add_signed(by[a]));
+        ((0..3).all(|a| at[a] < size[a]) && held.contains(&at[2])).then_some(at)
+    };
+    let slope = |voxel: [usize; 3]| {
+        let along = |a: usize| {
+            let grey = |by: isize| {
+                let mut step = [0; 3];
+                step[a] = by;
+                moved(voxel, &step).map(|at| f64::from(view.slab.grey(at)))
+            };
+            Some((grey(1)? - grey(-1)?) / (2.0 * view.units.per_voxel[a]))
+        };
+        Some(DVec3::new(along(0)?, along(1)?, along(2)?).length())
+    };
+    let is_core = |voxel: [usize; 3], m: MaterialId| {
+        let steepest = steepest.get(usize::from(m.0)).copied().unwrap_or(0.0);
+        slope(voxel).is_some_and(|slope| slope < steepest)
+            && ball.iter().all(|by| moved(voxel, by).is_some_and(|at| class(at) == m))
+    };
+    let far = ball_slices(view.units);
+    let around = |by: usize| core.start.saturating_sub(by).max(held.start)..(core.end + by).min(held.end);
+    // What is a speck is told by what is around it.
+    let (wider, slices) = (around(2 * specks::MOST), around(far + 2 * specks::MOST));
+    let rows = slices.into_par_iter().flat_map_iter(|z| (0..size[1]).map(move |y| [y, z]));
+    let mut found: Vec<Relabelled> = rows
+        .flat_map_iter(|[y, z]| {
+            let cores = (0..size[0]).filter_map(move |x| {
+                let (voxel, m) = ([x, y, z], class([x, y, z]));
+                (is_unlike(voxel, m) && is_core(voxel, m)).then_some((voxel, m))
+            });
+            let own =
+                cores.flat_map(|(voxel, m)| ball.iter().filter_map(move |by| Some((moved(voxel, by)?, m))));
+            let own = own.filter(|&(at, m)| wider.contains(&at[2]) && is_unlike(at, m));
+            own.map(|([x, y, z], material)| Relabelled { voxel: [z, y, x].map(|c| c as u32), material })
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    if found.is_empty() {
+        return found;
+    }
+    let mut labels = view.labels.clone();
+    let mut voxels = Vec::with_capacity(found.len());
+    for Relabelled { voxel: [z, y, x], material } in &found {
+        let voxel = [*x, *y, *z].map(|c| c as usize + 1);
+        labels.set(voxel, *material);
+        voxels.push(voxel);
+    }
+    for (part, material) in specks::specks(&labels, &voxels, specks::MOST) {
+        let unpadded = part.into_iter().map(|[x, y, z]| [z, y, x].map(|c| c as u32 - 1));
+        found.extend(unpadded.map(|voxel| Relabelled { voxel, material }));
+    }
+    found.retain(|r| core.contains(&(r.voxel[0] as usize)));
+    // A speck that a ball says to be one is what is around it.
+    found.reverse();
+    found.par_sort_by_key(|r| r.voxel);
+    found.dedup_by_key(|r| r.voxel);
+    found
+}
