@@ -134,3 +134,64 @@ pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
     found.dedup_by_key(|r| r.voxel);
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::classify::{BitPlanes, LabelVolume};
+    use crate::locate::fixtures::distribution;
+    use crate::material::{Levels, MaterialTable};
+    use crate::volume::Slab;
+
+    const SIZE: [usize; 3] = [32, 14, 14];
+    const SIGMA: f64 = 1.2;
+    const MEANS: [f64; 3] = [10.0, 30.0, 110.0];
+
+    /// Layers across x, blurred, labelled without the one in the middle; what is found of it.
+    fn found(layers: [(f64, usize); 2]) -> Vec<Relabelled> {
+        let [(first, left), (second, right)] = layers;
+        let grey = |x: f64| {
+            let share = |at: f64| distribution((x - at) / SIGMA);
+            MEANS[0] + (MEANS[left] - MEANS[0]) * share(first) + (MEANS[right] - MEANS[left]) * share(second)
+        };
+        let all = || (0..SIZE.iter().product::<usize>()).map(|i| (i % SIZE[0]) as f64);
+        let greys: Vec<f32> = all().map(|x| grey(x) as f32).collect();
+        let labels: Vec<u8> = all().map(|x| if x < 0.5 * (first + second) { 0 } else { 2 }).collect();
+        let (labels, _) = LabelVolume::from_labels(&labels, SIZE).unwrap();
+        let uncertain = BitPlanes::window(SIZE, 1, labels.codes().slices());
+        let [air, aluminium, iron] = MEANS;
+        let table = MaterialTable::new([("air", air), ("aluminium", aluminium), ("iron", iron)]).unwrap();
+        let scan = Scan {
+            units: BlurUnits::new([SIGMA; 3]),
+            is_blur_known: true,
+            levels: Levels::constant(&table),
+            means: MEANS.to_vec(),
+            contrast: 20.0,
+            is_thin: vec![false; 3],
+            thresholds: vec![20.0, 70.0],
+            noise: vec![0.2; 3],
+            misfits: Vec::new(),
+            clip: [f64::NEG_INFINITY, f64::INFINITY],
+            inflation: 1.0,
+        };
+        let slab = Slab::whole(&greys, SIZE);
+        find_flat_cores(&scan.view(&slab, &labels, &uncertain), 4..10)
+    }
+
+    #[test]
+    fn a_wall_of_four_sigma_is_found_between_a_lighter_and_a_denser_material() {
+        let found = found([(13.0, 1), (18.0, 2)]);
+        assert!(found.iter().all(|r| r.material == MaterialId(1) && (13..=18).contains(&r.voxel[2])));
+        // All of its inner voxels that are far enough from the volume's border, in the slices asked for alone.
+        let inner = found.iter().filter(|r| (14..=16).contains(&r.voxel[2])).count();
+        assert!(inner >= 3 * 8 * 6, "{inner}");
+        assert!(found.iter().all(|r| (4..10).contains(&r.voxel[0])));
+    }
+
+    #[test]
+    fn a_blurred_interface_is_no_wall() {
+        assert_eq!(found([(16.0, 2), (16.0, 2)]), []);
+        // Nor is one that passes the level of the material between slowly.
+        assert_eq!(found([(15.0, 1), (17.0, 2)]), []);
+    }
+}
