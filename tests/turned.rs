@@ -42,7 +42,8 @@ fn cubes_turned() {
 
 #[test]
 fn four_materials_turned() {
-    has_its_shells(SceneName::FourMaterials, 48, &[0, 1, 2, 3]);
+    // The second has a handle (docs/locate.md).
+    has_its_shells(SceneName::FourMaterials, 48, &[0, 2, 3]);
 }
 
 #[test]

@@ -14,6 +14,7 @@ use std::ops::Range;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::ball_model::fit_ball;
 use super::flanks::{FlatIndex, flanks_of};
 use super::patches::{Flat, Rough};
 use super::sheet::{LevelPrior, Sample};
@@ -377,13 +378,13 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
         return None;
     }
     let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
-    // Labels must agree in the ball, or another sheet is there: across a gap the edge of the other block may go on.
+    // Labels must agree in the window, or another sheet is there: across a gap the edge of the other block may go on.
     let wrong = seen
         .iter()
         .filter(|s| !s.uncertain && s.sample.at.length() <= FULL)
         .filter(|s| fit.wedge.is_contradicted(&materials, s.label, s.sample.at + from))
         .count();
-    if wrong > MOST_WRONG {
+    if wrong > MOST_WRONG || is_ball(&fit, &samples, &prior) {
         return None;
     }
     Some(Site {
@@ -392,4 +393,19 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
         materials: [materials[0], materials[1], materials[1]],
         model: Model::Edge(Box::new(fit)),
     })
+}
+
+/// Radius from which a ball is fitted in the place of an edge, blur units.
+const BALL: f64 = 3.0;
+
+/// Whether the grey values are explained better by a ball: where the contrast is large what a model may leave of it hides that a
+/// pore or an inclusion of some four voxels has no edge.
+fn is_ball(fit: &WedgeFit<2, EDGE>, samples: &[Sample], prior: &Prior<2>) -> bool {
+    let wedge = &fit.wedge;
+    let convex = usize::from(wedge.angles()[0] > std::f64::consts::PI);
+    let [a, b] = wedge.rays(0.0);
+    let Some(inwards) = (a + b).try_normalize() else { return false };
+    let levels = [prior.levels[convex], prior.levels[1 - convex]];
+    let ball = fit_ball(samples, wedge.point(0.0) + inwards * BALL, BALL, levels, prior.reading.noise);
+    ball.is_some_and(|ball| ball.fit.chi2 + ball.fit.strain < fit.fit.chi2 + fit.fit.strain)
 }

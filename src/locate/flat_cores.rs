@@ -156,7 +156,9 @@ mod tests {
         };
         let all = || (0..SIZE.iter().product::<usize>()).map(|i| (i % SIZE[0]) as f64);
         let greys: Vec<f32> = all().map(|x| grey(x) as f32).collect();
-        let labels: Vec<u8> = all().map(|x| if x < 0.5 * (first + second) { 0 } else { 2 }).collect();
+        let mut labels: Vec<u8> = all().map(|x| if x < 0.5 * (first + second) { 0 } else { 2 }).collect();
+        // All three labels must be there to be known by their numbers.
+        labels[0] = 1;
         let (labels, _) = LabelVolume::from_labels(&labels, SIZE).unwrap();
         let uncertain = BitPlanes::window(SIZE, 1, labels.codes().slices());
         let [air, aluminium, iron] = MEANS;
