@@ -67,14 +67,16 @@ def otsu(values, classes):
     """Thresholds of multi-level Otsu on a histogram of 256 bins."""
     import numpy as np
 
+    # Left to itself, scikit-image takes a bin for each integer: thirty thousand, and four classes take hours.
+    counts, edges = np.histogram(values, bins=256)
+    centres = 0.5 * (edges[1:] + edges[:-1])
     try:
         from skimage.filters import threshold_multiotsu
 
-        return threshold_multiotsu(values, classes=classes)
+        # Where nothing lies between two classes the cut is at the lower one's last bin: its upper edge is meant.
+        return threshold_multiotsu(classes=classes, hist=(counts, edges[1:]))
     except ImportError:
         pass
-    counts, edges = np.histogram(values, bins=256)
-    centres = 0.5 * (edges[1:] + edges[:-1])
     weight = np.concatenate([[0], np.cumsum(counts)]).astype(float)
     moment = np.concatenate([[0], np.cumsum(counts * centres)])
     # score[i, j]: what bins i to j - 1 as one class add to the variance between classes.
@@ -89,7 +91,7 @@ def otsu(values, classes):
     end, out = len(centres), []
     for cut in reversed(cuts):
         end = cut[end]
-        out.append(centres[end - 1])
+        out.append(edges[end])
     return np.array(out[::-1])
 
 
@@ -337,6 +339,27 @@ def values(run, title):
     return (run["figures"] or {}).get(title)
 
 
+# The object that is wanted less of, in rows of its own, and which rows.
+NARROW = "wedge 30"
+OF_NARROW = ["the same, and from sharp edges", "interfaces within 3 voxels of a junction", "ends and kinks of junction curves", "volume per material, percent"]
+
+
+def row(runs, target, column, of, prefix, out):
+    """A line of the summary: the worst of the runs that `of` picks, by tool."""
+    title, wanted = target["title"], [] if prefix else target["wanted"][column]
+    cells = []
+    for tool in TOOLS:
+        picked = [values(r, title) for r in runs[tool] if of(r)]
+        worst = [max(v) for v in zip(*filter(None, picked))]
+        good = [k >= len(wanted) or v <= wanted[k] for k, v in enumerate(worst)]
+        bold = tool.startswith("full")
+        cells.append(" / ".join(f"{v:.3f}" if ok or not bold else f"**{v:.3f}**" for v, ok in zip(worst, good)) or "-")
+    if any(cell != "-" for cell in cells):
+        names = {"the same, and from sharp edges": "interfaces farther than 3 voxels from junctions and edges"} if prefix else {}
+        name = prefix + names.get(title, title) + (f": {' / '.join(target['figures'])}" if len(target["figures"]) > 1 else "")
+        out(f"| {name} | {' / '.join(map(number, wanted)) or '-'} | {' | '.join(cells)} |")
+
+
 def summary(found, targets, out):
     """The worst of all objects, by set and image."""
     for which in SETS:
@@ -347,18 +370,14 @@ def summary(found, targets, out):
             out(f"\n### {which.capitalize()} objects, {condition}\n")
             out(f"| voxels | wanted | {' | '.join(TOOLS)} |")
             out("|---" * (2 + len(TOOLS)) + "|")
+            rows = lambda run: run["role"] == "general" and run["object"] != NARROW
             for target in targets:
-                title, wanted = target["title"], target["wanted"][column]
-                cells = []
-                for tool in TOOLS:
-                    general = [values(r, title) for r in runs[tool] if r["role"] == "general"]
-                    worst = [max(v) for v in zip(*filter(None, general))]
-                    good = [k >= len(wanted) or v <= wanted[k] for k, v in enumerate(worst)]
-                    bold = tool.startswith("full")
-                    cells.append(" / ".join(f"{v:.3f}" if ok or not bold else f"**{v:.3f}**" for v, ok in zip(worst, good)) or "-")
-                if any(cell != "-" for cell in cells):
-                    name = title + (f": {' / '.join(target['figures'])}" if len(target["figures"]) > 1 else "")
-                    out(f"| {name} | {' / '.join(map(number, wanted)) or '-'} | {' | '.join(cells)} |")
+                # Narrower wedges are that object's.
+                of = (lambda run: run["role"] == "general") if "narrower" in target["title"] else rows
+                row(runs, target, column, of, "", out)
+            for target in targets:
+                if target["title"] in OF_NARROW:
+                    row(runs, target, column, lambda run: run["object"] == NARROW, f"{NARROW} alone: ", out)
             for name, of in [
                 ("objects without a mesh", lambda r: not r["figures"]),
                 ("objects of wrong topology", lambda r: bool(r.get("wrong"))),
