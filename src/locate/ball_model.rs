@@ -156,20 +156,24 @@ impl KeptBall {
         Self { centre, radius: ball.radius() as f32, covariance, first_inside }
     }
 
+    /// Distance of a place from the centre, and the direction to it.
+    fn away(&self, at: DVec3) -> (f64, DVec3) {
+        let away = at - DVec3::from(self.centre.map(f64::from));
+        (away.length(), away.try_normalize().unwrap_or(DVec3::X))
+    }
+
     /// Where its surface passes a place.
     #[must_use]
     pub(super) fn passage(&self, at: DVec3) -> Passage {
-        let away = at - DVec3::from(self.centre.map(f64::from));
-        let outwards = away.try_normalize().unwrap_or(DVec3::X);
-        let distance = away.length() - f64::from(self.radius);
-        let passage = Passage { distance, normal: outwards };
+        let (away, outwards) = self.away(at);
+        let passage = Passage { distance: away - f64::from(self.radius), normal: outwards };
         if self.first_inside { passage } else { passage.reversed() }
     }
 
     /// Standard deviation of its surface's place along the normal near a place, for white noise.
     #[must_use]
     pub(super) fn sigma(&self, at: DVec3) -> f64 {
-        let outwards = self.passage(at).normal;
+        let (_, outwards) = self.away(at);
         let g = [outwards.x, outwards.y, outwards.z, 1.0];
         let mut variance = 0.0;
         let mut k = 0;
@@ -218,6 +222,11 @@ mod tests {
             let kept = KeptBall::new(&found, DVec3::ZERO, true);
             let passage = kept.passage(CENTRE + DVec3::Y * 3.0);
             assert!((passage.distance - 3.0 + radius).abs() < 1e-3 && passage.normal.y > 0.999);
+            // How well its surface is known does not depend on which material is named first.
+            let turned = KeptBall::new(&found, DVec3::ZERO, false);
+            for at in [DVec3::Y, DVec3::new(1.0, -0.4, 0.3)].map(|by| CENTRE + by * 3.0) {
+                assert_eq!(kept.sigma(at).to_bits(), turned.sigma(at).to_bits());
+            }
         }
     }
 
