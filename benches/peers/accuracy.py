@@ -69,7 +69,6 @@ def otsu(values, classes):
 
     # Left to itself, scikit-image takes a bin for each integer: thirty thousand, and four classes take hours.
     counts, edges = np.histogram(values, bins=256)
-    centres = 0.5 * (edges[1:] + edges[:-1])
     try:
         from skimage.filters import threshold_multiotsu
 
@@ -77,6 +76,7 @@ def otsu(values, classes):
         return threshold_multiotsu(classes=classes, hist=(counts, edges[1:]))
     except ImportError:
         pass
+    centres = 0.5 * (edges[1:] + edges[:-1])
     weight = np.concatenate([[0], np.cumsum(counts)]).astype(float)
     moment = np.concatenate([[0], np.cumsum(counts * centres)])
     # score[i, j]: what bins i to j - 1 as one class add to the variance between classes.

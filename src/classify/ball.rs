@@ -53,6 +53,13 @@ impl Ball {
         [self.by_half_chord.len() - 1, far(|o| o.0), far(|o| o.1)]
     }
 
+    /// Its voxels, as offsets (x, y, z) from the centre.
+    pub fn offsets(&self) -> impl Iterator<Item = [isize; 3]> {
+        let chords = self.by_half_chord.iter().zip(0..);
+        let rows = chords.flat_map(|(rows, half)| rows.iter().map(move |&(y, z)| ([y, z], half)));
+        rows.flat_map(|([y, z], half): (_, isize)| (-half..=half).map(move |x| [x, y, z]))
+    }
+
     /// Number of voxels.
     #[must_use]
     pub fn voxels(&self) -> usize {

@@ -14,6 +14,17 @@ use serde::{Deserialize, Serialize};
 /// Bits in a word.
 pub const WORD: usize = 64;
 
+/// The positions of the set bits of a word, ascending.
+#[inline]
+pub(crate) fn set_bits(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = word.trailing_zeros() as usize;
+        let some = word != 0;
+        word &= word.wrapping_sub(1);
+        some.then_some(bit)
+    })
+}
+
 /// `count` bit planes over one padded lattice, or over some slices of it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]

@@ -29,6 +29,7 @@ use interior::add_interior;
 
 pub use alpha::alpha;
 pub use ball::{Ball, Dilation};
+pub(crate) use bit_planes::set_bits;
 pub use bit_planes::{BitPlanes, SliceMut, WORD};
 pub use bricks::{Brick, Schedule, Sweep, SweepReport};
 pub use error::ClassifyError;

@@ -14,7 +14,7 @@ use glam::DVec3;
 use nalgebra::SVector;
 
 use super::gauss::TABLES;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::least_squares::{Fit, Model, Normal, Problem, minimise, packed, packed_sigma};
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample};
 
@@ -144,16 +144,8 @@ impl KeptBall {
     /// A ball whose window's middle is at `middle`.
     #[must_use]
     pub(super) fn new(ball: &Ball, middle: DVec3, first_inside: bool) -> Self {
-        let mut covariance = [0.0; 10];
-        let mut at = 0;
-        for i in 0..4 {
-            for j in 0..=i {
-                covariance[at] = ball.fit.covariance[(i, j)] as f32;
-                at += 1;
-            }
-        }
         let centre = (ball.centre() + middle).as_vec3().to_array();
-        Self { centre, radius: ball.radius() as f32, covariance, first_inside }
+        Self { centre, radius: ball.radius() as f32, covariance: packed(&ball.fit.covariance), first_inside }
     }
 
     /// Distance of a place from the centre, and the direction to it.
@@ -174,17 +166,7 @@ impl KeptBall {
     #[must_use]
     pub(super) fn sigma(&self, at: DVec3) -> f64 {
         let (_, outwards) = self.away(at);
-        let g = [outwards.x, outwards.y, outwards.z, 1.0];
-        let mut variance = 0.0;
-        let mut k = 0;
-        for i in 0..4 {
-            for j in 0..=i {
-                let twice = if i == j { 1.0 } else { 2.0 };
-                variance += twice * g[i] * g[j] * f64::from(self.covariance[k]);
-                k += 1;
-            }
-        }
-        variance.max(0.0).sqrt()
+        packed_sigma(&self.covariance, &[outwards.x, outwards.y, outwards.z, 1.0])
     }
 }
 

@@ -125,10 +125,11 @@ pub(super) fn corner_sites(
         .filter_map(|all| {
             let step = all.len().div_ceil(STARTS).max(1);
             let mut tried: Vec<DVec3> = Vec::new();
-            let starts = [false, true]
-                .into_iter()
-                .flat_map(|kept| all.iter().step_by(step).map(move |start| (start, kept)));
-            starts.into_iter().find_map(|(start, kept)| fit(view, flats, start, kept, &mut tried))
+            let mut first = |kept| {
+                let mut starts = all.iter().step_by(step);
+                starts.find_map(|start| fit(view, flats, start, kept, &mut tried))
+            };
+            first(false).or_else(|| first(true))
         })
         .collect()
 }

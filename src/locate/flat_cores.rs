@@ -15,17 +15,18 @@
 //! Guaranteed: all is decided by what is within [`reach`] of a voxel. Not guaranteed: parts under some four sigma, for which `thin`
 //! has models.
 
-use std::f64::consts::TAU;
 use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::frame::BlurUnits;
-use super::gauss::quantile;
+use super::gauss::{exact_density, quantile};
+use super::ridges::grey_at;
 use super::specks;
 use super::thin::Relabelled;
 use super::view::{Scan, View};
+use crate::classify::Ball;
 use crate::grid::MaterialId;
 
 /// Radius of the ball around a flat core, blur units.
@@ -33,16 +34,16 @@ const BALL: f64 = 1.5;
 /// Gradient at a flat core, as a share of that of an interface which passes its level.
 const FLAT: f64 = 0.4;
 
-/// Slices that a ball reaches.
-fn ball_slices(units: BlurUnits) -> usize {
-    (BALL / units.per_voxel.z).ceil() as usize
+/// The ball around a flat core.
+fn ball_of(units: BlurUnits) -> Ball {
+    Ball::new(units.voxel(DVec3::splat(BALL)).to_array())
 }
 
 /// Slices that this reads beyond those that it decides.
 #[must_use]
 pub fn reach(units: BlurUnits) -> usize {
-    // The boxes in which lost cores are looked for may be twice as far.
-    2 * ball_slices(units) + 1 + 2 * specks::MOST
+    // From a voxel to a core whose ball it is in, and from there to what the ball and the gradient see.
+    2 * ball_of(units).reach()[2] + 1 + 2 * specks::MOST
 }
 
 /// The smallest gradient (per blur unit) with which a blurred interface between a lighter and a denser material passes the level
@@ -52,26 +53,20 @@ fn passing(scan: &Scan) -> Vec<f64> {
     let of = |m: usize| {
         let pairs = means[..m].iter().flat_map(|a| means[m + 1..].iter().map(move |b| (a, b)));
         pairs.fold(f64::INFINITY, |least, (a, b)| {
-            let z = quantile((means[m] - a) / (b - a));
-            least.min((b - a) * (-0.5 * z * z).exp() / TAU.sqrt())
+            let slope = exact_density(quantile((means[m] - a) / (b - a)));
+            least.min((b - a) * slope)
         })
     };
     (0..means.len()).map(of).collect()
-}
-
-/// Places around a voxel within a radius (blur units), voxels.
-fn offsets(units: BlurUnits, radius: f64) -> Vec<[isize; 3]> {
-    let far = units.voxel(DVec3::splat(radius)).to_array().map(|r| r.floor() as isize);
-    let all = (-far[2]..=far[2])
-        .flat_map(|z| (-far[1]..=far[1]).flat_map(move |y| (-far[0]..=far[0]).map(move |x| [x, y, z])));
-    all.filter(|by| units.of(DVec3::from(by.map(|c| c as f64))).length() <= radius).collect()
 }
 
 /// The voxels of the slices `core` that are of parts found so, and are not labelled so; ascending.
 #[must_use]
 pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
     let (size, held) = (view.slab.size(), view.slab.slices());
-    let ball = offsets(view.units, BALL);
+    let ball = ball_of(view.units);
+    let far = ball.reach()[2];
+    let ball: Vec<[isize; 3]> = ball.offsets().collect();
     let steepest: Vec<f64> = passing(view.scan).into_iter().map(|g| FLAT * g).collect();
     let class = |voxel: [usize; 3]| view.scan.class(view.slab.grey(voxel));
     let is_unlike = |voxel: [usize; 3], m: MaterialId| view.is_uncertain(voxel) || view.label(voxel) != m;
@@ -84,7 +79,7 @@ pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
             let grey = |by: isize| {
                 let mut step = [0; 3];
                 step[a] = by;
-                moved(voxel, &step).map(|at| f64::from(view.slab.grey(at)))
+                grey_at(view.slab, voxel, step)
             };
             Some((grey(1)? - grey(-1)?) / (2.0 * view.units.per_voxel[a]))
         };
@@ -95,7 +90,6 @@ pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
         slope(voxel).is_some_and(|slope| slope < steepest)
             && ball.iter().all(|by| moved(voxel, by).is_some_and(|at| class(at) == m))
     };
-    let far = ball_slices(view.units);
     let around = |by: usize| core.start.saturating_sub(by).max(held.start)..(core.end + by).min(held.end);
     // What is a speck is told by what is around it.
     let (wider, slices) = (around(2 * specks::MOST), around(far + 2 * specks::MOST));
@@ -123,7 +117,7 @@ pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
         labels.set(voxel, *material);
         voxels.push(voxel);
     }
-    for (part, material) in specks::specks(&labels, &voxels, specks::MOST) {
+    for (part, material) in specks::specks(&labels, &voxels) {
         let unpadded = part.into_iter().map(|[x, y, z]| [z, y, x].map(|c| c as u32 - 1));
         found.extend(unpadded.map(|voxel| Relabelled { voxel, material }));
     }

@@ -28,7 +28,7 @@ fn hermite(t: f64, a: f64, p: f64, b: f64, q: f64) -> f64 {
     a + t * (p + t * ((3.0 * d - 2.0 * p - q) + t * (p + q - 2.0 * d)))
 }
 
-fn exact_density(x: f64) -> f64 {
+pub(super) fn exact_density(x: f64) -> f64 {
     libm::exp(-0.5 * x * x) / TAU.sqrt()
 }
 
@@ -38,10 +38,19 @@ fn exact_distribution(x: f64) -> f64 {
 
 /// Where the distribution function has the value `share`, within its range.
 pub(super) fn quantile(share: f64) -> f64 {
-    let (mut low, mut high) = (-END, END);
-    for _ in 0..50 {
+    bisect([-END, END], 50, share, exact_distribution)
+}
+
+/// Where a rising function has a value, between two places, after so many halvings.
+pub(super) fn bisect(
+    [mut low, mut high]: [f64; 2],
+    rounds: usize,
+    value: f64,
+    rising: impl Fn(f64) -> f64,
+) -> f64 {
+    for _ in 0..rounds {
         let middle = 0.5 * (low + high);
-        if exact_distribution(middle) < share {
+        if rising(middle) < value {
             low = middle;
         } else {
             high = middle;

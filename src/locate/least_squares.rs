@@ -222,6 +222,25 @@ impl<const N: usize> Factor<N> {
     }
 }
 
+/// The first rows of a covariance as they are kept: its lower triangle by rows; as many entries as there is room for.
+pub(super) fn packed<const N: usize, const M: usize>(covariance: &SMatrix<f64, N, N>) -> [f32; M] {
+    let mut entries = (0..N).flat_map(|i| (0..=i).map(move |j| covariance[(i, j)] as f32));
+    std::array::from_fn(|_| entries.next().unwrap_or(0.0))
+}
+
+/// Standard deviation of what has the derivatives `g` by parameters of a [`packed`] covariance.
+pub(super) fn packed_sigma<const N: usize>(packed: &[f32], g: &[f64; N]) -> f64 {
+    let mut entries = packed.iter();
+    let mut variance = 0.0;
+    for i in 0..N {
+        for (j, entry) in entries.by_ref().take(i + 1).enumerate() {
+            let twice = if i == j { 1.0 } else { 2.0 };
+            variance += twice * g[i] * g[j] * f64::from(*entry);
+        }
+    }
+    variance.max(0.0).sqrt()
+}
+
 /// Replaces a positive definite matrix (its lower triangle; `count` rows, each `width` entries after the one before) by its Cholesky
 /// factor; false if it is none. One function for all sizes: with the size known, the compiler unrolls the three loops into each
 /// other for more than a minute.

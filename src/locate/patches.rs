@@ -15,9 +15,10 @@ use rayon::prelude::*;
 use super::ball_model::KeptBall;
 use super::crossing_edges::crossing_edges;
 use super::frame::BlurUnits;
+use super::least_squares::{packed, packed_sigma};
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample, Sheet, fit_sheet};
-use super::specks::{MOST, settle};
+use super::specks::settle;
 use super::thin_faces::{ThinFace, explains, thin_face};
 use super::view::{Seen, View};
 use crate::classify::{BitPlanes, LabelVolume};
@@ -286,28 +287,19 @@ impl Patches {
             labels.set(voxel.map(|c| c + 1), *material);
         }
         // Neighbours judge by patches of their own: what they leave alone follows them.
-        settle(labels, &wrong.iter().map(|(voxel, _)| voxel.map(|c| c + 1)).collect::<Vec<_>>(), MOST);
+        settle(labels, &wrong.iter().map(|(voxel, _)| voxel.map(|c| c + 1)).collect::<Vec<_>>());
     }
 }
 
 impl Kept {
     fn new(sheet: &Sheet, from_corner: DVec3) -> Self {
         let x = &sheet.fit.x;
-        let c = &sheet.fit.covariance;
-        let mut covariance = [0.0; 21];
-        let mut at = 0;
-        for i in 0..6 {
-            for j in 0..=i {
-                covariance[at] = c[(i, j)] as f32;
-                at += 1;
-            }
-        }
         Self {
             origin: (sheet.origin + from_corner).as_vec3().to_array(),
             u: sheet.axes.x_axis.as_vec3().to_array(),
             w: sheet.axes.z_axis.as_vec3().to_array(),
             form: std::array::from_fn(|i| x[i] as f32),
-            covariance,
+            covariance: packed(&sheet.fit.covariance),
         }
     }
 
@@ -332,17 +324,7 @@ impl Kept {
     /// Standard deviation there along the normal, for white noise.
     fn sigma(&self, at: DVec3) -> f64 {
         let (_, DVec3 { x: u, y: v, .. }) = self.seen(at);
-        let g = [1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v];
-        let mut variance = 0.0;
-        let mut at = 0;
-        for i in 0..6 {
-            for j in 0..=i {
-                let twice = if i == j { 1.0 } else { 2.0 };
-                variance += twice * g[i] * g[j] * f64::from(self.covariance[at]);
-                at += 1;
-            }
-        }
-        variance.max(0.0).sqrt()
+        packed_sigma(&self.covariance, &[1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v])
     }
 }
 

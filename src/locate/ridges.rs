@@ -182,7 +182,7 @@ impl Finder {
 }
 
 /// The grey value of the voxel at an offset, if it is here.
-fn grey_at(slab: &dyn Greys, voxel: [usize; 3], o: [isize; 3]) -> Option<f64> {
+pub(super) fn grey_at(slab: &dyn Greys, voxel: [usize; 3], o: [isize; 3]) -> Option<f64> {
     let (size, slices) = (slab.size(), slab.slices());
     let mut at = [0; 3];
     for a in 0..3 {

@@ -63,26 +63,17 @@ impl Site {
     /// curve sheets do not go on.
     #[must_use]
     pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
-        match &self.model {
-            Model::Junction(fit) => passage(fit, &self.materials, pair, at),
-            Model::Edge(fit) => passage(fit, &self.materials, pair, at),
-            Model::Corner(corner) => corner.passage(pair, at),
-        }
+        with_model!(self, fit => passage(fit, &self.materials, pair, at), corner => corner.passage(pair, at))
     }
 
     /// Standard deviation of the place of that interface along its normal, for white noise.
     #[must_use]
     pub fn sigma(&self, pair: [MaterialId; 2], at: DVec3) -> Option<f64> {
-        let of = |sheet: Option<(usize, bool)>| sheet.map(|s| s.0);
-        match &self.model {
-            Model::Junction(fit) => {
-                of(nearest_sheet(fit, &self.materials, pair, at)).map(|i| fit.sheet_sigma(i, at))
-            }
-            Model::Edge(fit) => {
-                of(nearest_sheet(fit, &self.materials, pair, at)).map(|i| fit.sheet_sigma(i, at))
-            }
-            Model::Corner(corner) => corner.sigma(pair, at),
-        }
+        with_model!(
+            self,
+            fit => nearest_sheet(fit, &self.materials, pair, at).map(|(i, _)| fit.sheet_sigma(i, at)),
+            corner => corner.sigma(pair, at)
+        )
     }
 
     /// Where the segment from `start` along `step` goes from material `a` to `b`, as a fraction; `None` if it does

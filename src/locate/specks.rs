@@ -9,7 +9,7 @@
 
 use rayon::prelude::*;
 
-use crate::classify::{BitPlanes, LabelVolume, WORD};
+use crate::classify::{BitPlanes, LabelVolume, WORD, set_bits};
 use crate::grid::MaterialId;
 
 /// Voxels of the largest speck.
@@ -47,7 +47,7 @@ pub(super) fn remove_specks(labels: &mut LabelVolume, before: &LabelVolume, zone
         }
     }
     let borders = about(labels, zone, |differ| differ.into_iter().fold(0, |any, word| any | word));
-    settle(labels, &borders, MOST);
+    settle(labels, &borders);
 }
 
 /// The voxels (padded) in `zone` or beside it that `wanted` picks, told for a word of voxels at a time which differ from their
@@ -79,7 +79,7 @@ fn about(labels: &LabelVolume, zone: &BitPlanes, wanted: impl Fn([u64; 6]) -> u6
             let spoken = spoken(w) & codes.voxel_mask(w);
             if spoken != 0 {
                 let found = spoken & wanted(differ(w));
-                out.extend((0..WORD).filter(|bit| found >> bit & 1 == 1).map(|bit| [w * WORD + bit, y, z]));
+                out.extend(set_bits(found).map(|bit| [w * WORD + bit, y, z]));
             }
         }
         out
@@ -110,17 +110,17 @@ fn apply(labels: &mut LabelVolume, found: Vec<Part>) {
     }
 }
 
-/// Removes the specks of up to `most` voxels that these voxels (padded) are of or touch. Every speck is judged by the labels as
+/// Removes the specks that these voxels (padded) are of or touch. Every speck is judged by the labels as
 /// they were, so the order does not matter.
-pub(super) fn settle(labels: &mut LabelVolume, voxels: &[[usize; 3]], most: usize) {
-    let found = specks(labels, voxels, most);
+pub(super) fn settle(labels: &mut LabelVolume, voxels: &[[usize; 3]]) {
+    let found = specks(labels, voxels);
     apply(labels, found);
 }
 
-/// The specks of up to `most` voxels that these voxels (padded) are of or touch; some more than once.
-pub(super) fn specks(labels: &LabelVolume, voxels: &[[usize; 3]], most: usize) -> Vec<Part> {
+/// The specks that these voxels (padded) are of or touch; some more than once.
+pub(super) fn specks(labels: &LabelVolume, voxels: &[[usize; 3]]) -> Vec<Part> {
     let around = |voxel: &[usize; 3]| -> Vec<Part> {
-        touched(labels, *voxel).filter_map(|at| speck(labels, at, most)).collect()
+        touched(labels, *voxel).filter_map(|at| speck(labels, at)).collect()
     };
     voxels.par_iter().flat_map_iter(around).collect()
 }
@@ -210,7 +210,7 @@ fn commonest(mut all: Vec<MaterialId>) -> Option<MaterialId> {
 }
 
 /// The speck that a voxel (padded) is of, and what it is to become; `None` if it is of none.
-fn speck(labels: &LabelVolume, voxel: [usize; 3], most: usize) -> Option<Part> {
+fn speck(labels: &LabelVolume, voxel: [usize; 3]) -> Option<Part> {
     let held = labels.codes().slices();
     let own = labels.at(voxel);
     let mut part = vec![voxel];
@@ -227,7 +227,7 @@ fn speck(labels: &LabelVolume, voxel: [usize; 3], most: usize) -> Option<Part> {
                 around.push(label);
             } else if !part.contains(&at) {
                 part.push(at);
-                if part.len() > most {
+                if part.len() > MOST {
                     return None;
                 }
             }

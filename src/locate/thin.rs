@@ -30,6 +30,7 @@ use rayon::prelude::*;
 
 use super::ball_model::{Ball, fit_ball, share};
 use super::frame::BlurUnits;
+use super::gauss::bisect;
 use super::patches::BLOCK;
 use super::ridges::{self, Finder, Ridge};
 use super::sheet::Sample;
@@ -241,20 +242,12 @@ fn understand(view: &View<'_>, seed: &Seed) -> Option<Thin> {
 
 /// Half the thickness of a slab with this share of the contrast in its middle.
 fn half_of(share: f64) -> f64 {
-    bisect(share.clamp(0.2, 0.98), peak)
+    size_of(share.clamp(0.2, 0.98), peak)
 }
 
-fn bisect(value: f64, rising: impl Fn(f64) -> f64) -> f64 {
-    let (mut low, mut high) = (0.2, 4.0);
-    for _ in 0..30 {
-        let middle = 0.5 * (low + high);
-        if rising(middle) < value {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
+/// Where a rising function of a size in blur units has a value.
+fn size_of(value: f64, rising: impl Fn(f64) -> f64) -> f64 {
+    bisect([0.2, 4.0], 30, value, rising)
 }
 
 /// Fits a slab about a place; with its misfit per voxel.
@@ -298,7 +291,7 @@ fn ball_at(
     materials: [MaterialId; 2],
     seen: &mut Vec<Seen>,
 ) -> Option<(f64, Ball)> {
-    let radius = bisect(peak.clamp(0.1, 0.99), |r| share(r, 0.0)[0]);
+    let radius = size_of(peak.clamp(0.1, 0.99), |r| share(r, 0.0)[0]);
     if radius > LARGEST {
         return None;
     }

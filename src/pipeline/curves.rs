@@ -1,11 +1,13 @@
 //! What the models that locate interfaces below a voxel need to know, and their passes in slabs: see [`crate::locate`].
 
+use std::ops::Range;
+
 use super::PipelineError;
 use crate::classify::{BitPlanes, LabelStore, LabelVolume};
-use crate::execution::{Execution, Stage};
+use crate::execution::Execution;
 use crate::grid::{Geometry, MaterialId};
 use crate::locate::{
-    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, find_curves, find_flat_cores, find_junctions,
+    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, View, find_curves, find_flat_cores, find_junctions,
     find_sheets, find_thin, flat_reach, halo, thin_reach,
 };
 use crate::material::{
@@ -77,6 +79,20 @@ pub(super) fn scan(
 /// Passes over the volume, contouring's not counted.
 const PASSES: u64 = 5;
 
+/// Looks at the volume in slabs of slices and a halo on each side, with the labels as they are.
+fn look<S: Sample>(
+    window: &mut SampleWindow<'_, S>,
+    store: &mut LabelStore,
+    scan: &Scan,
+    [slices, halo]: [usize; 2],
+    mut visit: impl FnMut(&View<'_>, Range<usize>) -> Result<(), PipelineError> + Send,
+) -> Result<(), PipelineError> {
+    window.sweep(slices, halo, |slab, core| {
+        let (labels, uncertain) = part(store, slab)?;
+        visit(&scan.view(&slab, &labels, &uncertain), core)
+    })
+}
+
 /// What thin parts tell of a scan: the levels of materials that are nowhere thick, and the blur if there is no plain
 /// interface to measure it at. `None` if the blur is not known.
 fn refined<S: Sample>(
@@ -90,10 +106,9 @@ fn refined<S: Sample>(
     let thin: Vec<MaterialId> = all.filter(|m| scan.levels.drift(*m).is_none()).collect();
     for material in thin {
         let mut places = Places::new(material);
-        window.sweep(slices, halo(scan.units), |slab, core| {
-            let (labels, uncertain) = part(store, slab)?;
-            places.add(&scan.view(&slab, &labels, &uncertain), core);
-            Ok::<_, PipelineError>(())
+        look(window, store, &scan, [slices, halo(scan.units)], |view, core| {
+            places.add(view, core);
+            Ok(())
         })?;
         if let Some(found) = places.suit(&scan, scan.is_blur_known) {
             scan = Scan { is_blur_known: true, ..found };
@@ -115,46 +130,40 @@ pub(super) fn locate<S: Sample>(
     let Some(scan) = refined(window, store, scan, slices)? else { return Ok(None) };
     let depth = window.size()[2] as u64;
     let stage = execution.stage(STAGE.0, PASSES * depth);
-    let done = |stage: &Stage<'_>, core: &std::ops::Range<usize>| {
+    let done = |core: Range<usize>| -> Result<(), PipelineError> {
         stage.advance(core.len() as u64);
-        execution.check()
+        Ok(execution.check()?)
     };
     let mut flat = Vec::new();
-    window.sweep(slices, flat_reach(scan.units), |slab, core| {
-        let (labels, uncertain) = part(store, slab)?;
-        flat.append(&mut find_flat_cores(&scan.view(&slab, &labels, &uncertain), core.clone()));
-        Ok::<_, PipelineError>(done(&stage, &core)?)
+    look(window, store, &scan, [slices, flat_reach(scan.units)], |view, core| {
+        flat.append(&mut find_flat_cores(view, core.clone()));
+        done(core)
     })?;
     store.relabel(flat.iter().map(|f| (f.voxel, f.material)))?;
-    let reach = halo(scan.units);
     if thin_reach(scan.units) <= MOST_HALO {
         let mut thin = Vec::new();
-        window.sweep(slices, thin_reach(scan.units), |slab, core| {
-            let (labels, uncertain) = part(store, slab)?;
-            thin.append(&mut find_thin(&scan.view(&slab, &labels, &uncertain), core.clone()));
-            Ok::<_, PipelineError>(done(&stage, &core)?)
+        look(window, store, &scan, [slices, thin_reach(scan.units)], |view, core| {
+            thin.append(&mut find_thin(view, core.clone()));
+            done(core)
         })?;
         store.relabel(thin.iter().map(|t| (t.voxel, t.material)))?;
     }
+    let far = [slices, halo(scan.units)];
     let mut junctions = Vec::new();
-    window.sweep(slices, reach, |slab, core| {
-        let (labels, uncertain) = part(store, slab)?;
-        junctions.append(&mut find_junctions(&scan.view(&slab, &labels, &uncertain), core.clone()));
-        Ok::<_, PipelineError>(done(&stage, &core)?)
+    look(window, store, &scan, far, |view, core| {
+        junctions.append(&mut find_junctions(view, core.clone()));
+        done(core)
     })?;
     let junctions = Sites::new(scan.units, junctions);
     let mut sheets = Sheets::default();
-    window.sweep(slices, reach, |slab, core| {
-        let (labels, uncertain) = part(store, slab)?;
-        sheets.append(find_sheets(&scan.view(&slab, &labels, &uncertain), &junctions, core.clone()));
-        Ok::<_, PipelineError>(done(&stage, &core)?)
+    look(window, store, &scan, far, |view, core| {
+        sheets.append(find_sheets(view, &junctions, core.clone()));
+        done(core)
     })?;
     let mut curves = Vec::new();
-    window.sweep(slices, reach, |slab, core| {
-        let (labels, uncertain) = part(store, slab)?;
-        let view = scan.view(&slab, &labels, &uncertain);
-        curves.append(&mut find_curves(&view, &junctions, &sheets, core.clone()));
-        Ok::<_, PipelineError>(done(&stage, &core)?)
+    look(window, store, &scan, far, |view, core| {
+        curves.append(&mut find_curves(view, &junctions, &sheets, core.clone()));
+        done(core)
     })?;
     let sites = Sites::new(scan.units, curves);
     Ok(Some((scan, sites)))

@@ -1,6 +1,8 @@
 //! Crossed edges, or faces with a node, of one kind in one plane or layer: a bit for each, and their
 //! numbers.
 
+use crate::classify::set_bits;
+
 /// Bits in rows; set bits are numbered in row-major order.
 #[derive(Debug, Default)]
 pub(super) struct BitRows {
@@ -87,17 +89,6 @@ impl BitRows {
             words.flat_map(move |(w, &word)| set_bits(word).map(move |bit| (64 * w + bit, y)))
         })
     }
-}
-
-/// The positions of the set bits of a word, ascending.
-#[inline]
-pub(super) fn set_bits(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let bit = word.trailing_zeros() as usize;
-        let some = word != 0;
-        word &= word.wrapping_sub(1);
-        some.then_some(bit)
-    })
 }
 
 #[cfg(test)]

@@ -284,6 +284,20 @@ pub(super) fn crossing_sigma<C: CrossingRule>(
     if labels.contains(&MaterialId::OUTSIDE) { f32::NAN } else { rule.sigma(from, axis, labels) }
 }
 
+/// That crossing with its sigma, from `from` on.
+pub(super) fn crossing_node<C: CrossingRule>(
+    rule: &C,
+    from: [usize; 3],
+    axis: usize,
+    labels: [MaterialId; 2],
+) -> Node {
+    let (position, sigma) =
+        if labels.contains(&MaterialId::OUTSIDE) { (0.5, f32::NAN) } else { rule.placed(from, axis, labels) };
+    let mut at = [0.0; 3];
+    at[axis] = position;
+    Node { at, sigma }
+}
+
 /// The least sure of some sigmas: unknown if one of them is, or if there are none.
 pub(in crate::contour) fn worst(sigmas: impl Iterator<Item = f32>) -> f32 {
     sigmas.reduce(|a, b| if a >= b || a.is_nan() { a } else { b }).unwrap_or(f32::NAN)

@@ -1,14 +1,14 @@
 //! Second pass over a layer: its vertices and triangles, written to their place.
 
 use super::Job;
-use super::bit_rows::{BitRows, set_bits};
-use super::cell::{Cell, crossing_position, pair_of};
+use super::bit_rows::BitRows;
+use super::cell::{Cell, crossing_node, crossing_position, pair_of};
 use super::code_rows::{CodeRow, MAX_PLANES, code};
 use super::corners::{Corners, visit_cells};
 use super::count::LayerCount;
 use super::kinks::{KINK, TIP, kink_of};
 use super::lattice::{Between, Layer, Plane};
-use crate::classify::WORD;
+use crate::classify::{WORD, set_bits};
 use crate::contour::crossing::{CrossingRule, Node};
 use crate::contour::moves::Move;
 use crate::contour::pattern::{CELL_VERTICES, CellTriangle, PackedEntry};
@@ -156,40 +156,28 @@ fn put_crossings<C: CrossingRule>(
     next: &mut usize,
 ) {
     let first = *next;
-    // As for cells: loops over few planes are worth unrolling.
-    match job.labels.codes().count() {
+    if out.sigmas.is_empty() {
+        // As for cells: loops over few planes are worth unrolling.
+        match job.labels.codes().count() {
+            0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
+            3 => put_crossings_of::<3, C>(job, edges, axis, z, out, next),
+            _ => put_crossings_of::<MAX_PLANES, C>(job, edges, axis, z, out, next),
+        }
+    } else {
         // A loop of its own: the other one is what every surface pays for.
-        _ if !out.sigmas.is_empty() => put_crossings_with_sigmas(job, edges, axis, z, out, next),
-        0..=2 => put_crossings_of::<2, C>(job, edges, axis, z, out, next),
-        3 => put_crossings_of::<3, C>(job, edges, axis, z, out, next),
-        _ => put_crossings_of::<MAX_PLANES, C>(job, edges, axis, z, out, next),
+        for (x, y) in edges.iter() {
+            let (from, mut to) = ([x, y, z], [x, y, z]);
+            to[axis] += 1;
+            let ends = [from, to].map(|p| job.labels.at(p));
+            let kind = VertexKind::new(2, ends.contains(&MaterialId::OUTSIDE));
+            out.put(*next, from, crossing_node(job.rule, from, axis, ends), kind);
+            *next += 1;
+        }
     }
     put_moves(job, edges, SeamKey::EDGES[axis], z, out, first);
 }
 
-/// The same where standard deviations are known.
-fn put_crossings_with_sigmas<C: CrossingRule>(
-    job: &Job<'_, C>,
-    edges: &BitRows,
-    axis: usize,
-    z: usize,
-    out: &mut VertexSlices<'_>,
-    next: &mut usize,
-) {
-    for (x, y) in edges.iter() {
-        let (from, mut to) = ([x, y, z], [x, y, z]);
-        to[axis] += 1;
-        let ends = [from, to].map(|p| job.labels.at(p));
-        let is_outside = ends.contains(&MaterialId::OUTSIDE);
-        let (position, sigma) = if is_outside { (0.5, f32::NAN) } else { job.rule.placed(from, axis, ends) };
-        let mut at = [0.0; 3];
-        at[axis] = position;
-        out.put(*next, from, Node { at, sigma }, VertexKind::new(2, is_outside));
-        *next += 1;
-    }
-}
-
-/// The same for no more than `P` code planes.
+/// The same for no more than `P` code planes and without standard deviations.
 fn put_crossings_of<const P: usize, C: CrossingRule>(
     job: &Job<'_, C>,
     edges: &BitRows,

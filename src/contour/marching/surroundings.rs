@@ -96,7 +96,7 @@ pub fn surroundings<W: Wishes>(
         .par_chunks(1 << 10)
         .map(|cells| {
             let remembered = Remembered::new(rule);
-            let gatherer = Gatherer { labels, rule: &remembered, border, table: PatternTable::get() };
+            let gatherer = Gatherer { labels, rule: &remembered, border, table: gatherer.table };
             let mut out = Surroundings::default();
             cells.iter().for_each(|&[z, y, x]| gatherer.gather(&mut out, [x, y, z]));
             out
