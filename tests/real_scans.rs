@@ -122,6 +122,12 @@ fn teapot() {
     assert!(report.materials[0].material.mean < 5.0);
 }
 
+/// A kink in a cell with two sheets reached past the other one.
+#[test]
+fn a_tooth_by_models_has_no_defects() {
+    extract("tooth/tooth.nrrd", &["--accuracy", "full"]);
+}
+
 #[test]
 fn push_button_switch() {
     let Some((_folder, report)) = extract("switch/slices", &[]) else { return };

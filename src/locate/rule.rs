@@ -7,9 +7,11 @@ use super::passage::Passage;
 use super::patches::{OfBlock, Patches};
 use super::site::Site;
 use super::sites::{CurveKind, FARTHER, Sites};
-use crate::classify::BitPlanes;
+use crate::classify::{BitPlanes, LabelVolume};
+use crate::contour::pattern::{Classes, is_ambiguous, sheets};
 use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
 use crate::grid::MaterialId;
+use crate::grid::cube::{CORNERS, FACES, corner_offset, face_ring};
 
 /// A crossing found by a model may lie this far beyond its edge (in edge lengths) and is put to the edge's end;
 /// farther, the model is not of this interface.
@@ -26,6 +28,8 @@ pub(super) const BESIDE: f64 = 0.03;
 pub struct Located<'a> {
     /// Where nothing is known.
     pub otherwise: &'a dyn CrossingRule,
+    /// Labels that agree with the models.
+    pub labels: &'a LabelVolume,
     /// Voxels that sites speak for.
     pub zone: &'a BitPlanes,
     /// Curves.
@@ -188,6 +192,16 @@ fn solve(passage: impl Fn(f64) -> Option<Passage>) -> Option<(f64, Passage)> {
     (here.distance.abs() <= LEFT).then_some((at, here))
 }
 
+/// Whether these corners of a cell are one piece by its edges, or none.
+fn hangs_together(corners: u8) -> bool {
+    let mut piece = corners & corners.wrapping_neg();
+    for _ in 1..CORNERS {
+        let along = |step: u32, low: u8| (piece & low) << step | piece >> step & low;
+        piece |= corners & (along(1, 0x55) | along(2, 0x33) | along(4, 0x0F));
+    }
+    piece == corners
+}
+
 /// The six neighbours of a voxel.
 fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..6).map(move |k| {
@@ -219,6 +233,30 @@ impl Located<'_> {
             return None;
         }
         Some((at, self.voxels(sigma)))
+    }
+
+    /// Whether the cell with lowest padded corner `low` has several sheets.
+    fn is_crowded(&self, low: [usize; 3]) -> bool {
+        let corners: [[usize; 3]; CORNERS] = std::array::from_fn(|c| {
+            let offset = corner_offset(c);
+            std::array::from_fn(|a| low[a] + offset[a])
+        });
+        let labels = corners.map(|at| self.labels.at(at));
+        let first = (0..CORNERS).filter(|&c| labels[c] == labels[0]).fold(0u8, |set, c| set | 1 << c);
+        let others = (0..CORNERS).find(|&c| labels[c] != labels[0]).map(|c| labels[c]);
+        let two = labels.iter().all(|l| *l == labels[0] || Some(*l) == others);
+        // Two materials, each in one piece, have one sheet between them.
+        if two && hangs_together(first) && hangs_together(!first) {
+            return false;
+        }
+        let classes: Classes =
+            std::array::from_fn(|c| (0..=c).find(|&other| labels[other] == labels[c]).unwrap_or(c) as u8);
+        let join = (0..FACES).filter(|&f| is_ambiguous(&classes, f)).fold(0, |join, f| {
+            let ring = face_ring(f);
+            let pair = [labels[ring[0]], labels[ring[1]]];
+            join | u8::from(self.joins_first(ring.map(|c| corners[c]), pair)) << f
+        });
+        sheets(&classes, join).len() > 1
     }
 
     /// The same as a node.
@@ -285,6 +323,35 @@ impl CrossingRule for Located<'_> {
     }
 
     fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        self.pierced_node(low, axis, CurveKind::Edge)
+        let node = self.pierced_node(low, axis, CurveKind::Edge)?;
+        // Beside several sheets in a cell a kink may reach past another than its own, and they would meet.
+        let mut below = low;
+        below[axis] -= 1;
+        (!self.is_crowded(low) && !self.is_crowded(below)).then_some(node)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::hangs_together;
+    use crate::grid::cube::{CORNERS, EDGES, edge_corners};
+
+    #[test]
+    fn corners_that_hang_together_are_told_from_pieces() {
+        for corners in 0..=u8::MAX {
+            let own = |c: usize| corners >> c & 1 == 1;
+            let mut piece: Vec<usize> = (0..CORNERS).collect();
+            for _ in 0..CORNERS {
+                for [p, q] in (0..EDGES).map(edge_corners).filter(|ends| ends.iter().all(|&c| own(c))) {
+                    let least = piece[p].min(piece[q]);
+                    (piece[p], piece[q]) = (least, least);
+                }
+            }
+            let mut pieces: Vec<usize> = (0..CORNERS).filter(|&c| own(c)).map(|c| piece[c]).collect();
+            pieces.dedup();
+            pieces.sort_unstable();
+            pieces.dedup();
+            assert_eq!(hangs_together(corners), pieces.len() <= 1, "{corners:b}");
+        }
     }
 }

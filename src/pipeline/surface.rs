@@ -262,8 +262,8 @@ fn located<'a>(
     models: &'a locate::Models,
     moves: Option<&'a Moves>,
 ) -> Located<'a> {
-    let locate::Models { zone, patches, .. } = models;
-    Located { otherwise, zone, sites, patches, units: scan.units, inflation: scan.inflation, moves }
+    let locate::Models { labels, zone, patches } = models;
+    Located { otherwise, labels, zone, sites, patches, units: scan.units, inflation: scan.inflation, moves }
 }
 
 /// What is known of the whole volume when it is marched.
