@@ -8,7 +8,7 @@ use super::patches::{OfBlock, Patches};
 use super::site::Site;
 use super::sites::{CurveKind, FARTHER, Sites};
 use crate::classify::{BitPlanes, LabelVolume};
-use crate::contour::pattern::{Classes, is_ambiguous, sheets};
+use crate::contour::pattern::{classes_of, is_ambiguous, sheets};
 use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
 use crate::grid::MaterialId;
 use crate::grid::cube::{CORNERS, FACES, corner_offset, face_ring};
@@ -249,8 +249,7 @@ impl Located<'_> {
         if two && hangs_together(first) && hangs_together(!first) {
             return false;
         }
-        let classes: Classes =
-            std::array::from_fn(|c| (0..=c).find(|&other| labels[other] == labels[c]).unwrap_or(c) as u8);
+        let classes = classes_of(&labels);
         let join = (0..FACES).filter(|&f| is_ambiguous(&classes, f)).fold(0, |join, f| {
             let ring = face_ring(f);
             let pair = [labels[ring[0]], labels[ring[1]]];
@@ -348,7 +347,6 @@ mod tests {
                 }
             }
             let mut pieces: Vec<usize> = (0..CORNERS).filter(|&c| own(c)).map(|c| piece[c]).collect();
-            pieces.dedup();
             pieces.sort_unstable();
             pieces.dedup();
             assert_eq!(hangs_together(corners), pieces.len() <= 1, "{corners:b}");

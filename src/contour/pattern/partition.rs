@@ -24,7 +24,7 @@ pub struct Partitions {
 }
 
 /// The growth string of eight labels.
-fn classes_of<L: Copy + PartialEq>(labels: &[L; CORNERS]) -> Classes {
+pub(crate) fn classes_of<L: Copy + PartialEq>(labels: &[L; CORNERS]) -> Classes {
     let mut classes = [0; CORNERS];
     let mut count = 1;
     for c in 1..CORNERS {
