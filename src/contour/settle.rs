@@ -13,7 +13,7 @@ use super::marching::Surroundings;
 use super::moves::{Move, Moves, Wish};
 use super::piece::SeamKey;
 use crate::execution::Execution;
-use crate::grid::Geometry;
+use crate::grid::{Geometry, Written};
 use crate::triangle::{Search, VertexTable, is_without_area, without_area};
 
 /// A wish is granted in so many parts.
@@ -66,13 +66,8 @@ fn partly(wish: &Wish, part: u8) -> [f32; 3] {
     [0, 1, 2].map(|a| wish.safe[a] + share * (wish.at[a] - wish.safe[a]))
 }
 
-/// A place in the world, from lattice units, as single precision has it.
-fn written(geometry: &Geometry, at: DVec3) -> DVec3 {
-    geometry.world(at).as_vec3().as_dvec3()
-}
-
 struct Settling<'a> {
-    geometry: &'a Geometry,
+    written: Written<'a>,
     wishes: Vec<Wish>,
     /// How many parts of each are granted, and how many at least: with no more nothing offends.
     parts: Vec<u8>,
@@ -81,7 +76,7 @@ struct Settling<'a> {
     vertex: Vec<u32>,
     /// The wish of each vertex, or [`NONE`].
     wish: Vec<u32>,
-    /// Where vertices lie, lattice units, and in the world as a mesh has them in single precision.
+    /// Where vertices lie, lattice units, and in the world as a mesh has them.
     positions: [Vec<DVec3>; 2],
     /// By construction, lattice units.
     safe: Vec<DVec3>,
@@ -110,11 +105,12 @@ impl<'a> Settling<'a> {
             triangles.iter().map(|t| t.map(|key| number(key).unwrap_or(NONE))).collect();
         let mut wish = vec![NONE; vertices.len()];
         vertex.iter().enumerate().for_each(|(i, &v)| wish[v as usize] = i as u32);
+        let written = Written::new(geometry);
         let safe: Vec<DVec3> = vertices.iter().map(|v| DVec3::from(v.1.map(f64::from))).collect();
-        let positions = [safe.clone(), safe.iter().map(|&p| written(geometry, p)).collect()];
+        let positions = [safe.clone(), safe.iter().map(|&p| written.place(p)).collect()];
         let left_out = [0, 1].map(|i| without_area(&positions[i], &triangles));
         let mut out = Self {
-            geometry,
+            written,
             parts: wishes.iter().map(|wish| if wish.is_near() { PARTS } else { 0 }).collect(),
             least: vec![0; wishes.len()],
             vertex,
@@ -140,7 +136,7 @@ impl<'a> Settling<'a> {
         let v = self.vertex[i] as usize;
         let at = DVec3::from(partly(&self.wishes[i], self.parts[i]).map(f64::from));
         self.positions[0][v] = at;
-        self.positions[1][v] = written(self.geometry, at);
+        self.positions[1][v] = self.written.place(at);
         self.moved.extend_from_slice(self.at.triangles(v));
     }
 

@@ -6,8 +6,10 @@ mod geometry;
 mod label;
 mod vertex_kind;
 mod voxel_box;
+mod written;
 
 pub use geometry::{Geometry, GeometryError};
 pub use label::{MaterialId, Pair};
 pub use vertex_kind::VertexKind;
 pub use voxel_box::VoxelBox;
+pub use written::Written;

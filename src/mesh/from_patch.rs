@@ -7,7 +7,7 @@ use super::MeshPiece;
 use super::interface_mesh::{InterfaceMesh, MeshError, MeshMaterial};
 use crate::contour::dual::DualSurface;
 use crate::contour::{Patch, Piece};
-use crate::grid::Geometry;
+use crate::grid::{Geometry, Written};
 use crate::material::MaterialTable;
 
 impl MeshMaterial {
@@ -19,7 +19,7 @@ impl MeshMaterial {
 }
 
 impl InterfaceMesh {
-    /// The mesh of a patch whose lattice lies in the world as `geometry` says. On a mirrored
+    /// The mesh of a patch whose lattice lies in the world as `geometry` says, its places as [`Written`]. On a mirrored
     /// lattice (direction with a negative determinant) triangles are turned over, so that normals
     /// point from back to front in the world.
     ///
@@ -31,8 +31,9 @@ impl InterfaceMesh {
         materials: Vec<MeshMaterial>,
     ) -> Result<Self, MeshError> {
         let Patch { positions, kinds, mut sigmas, mut triangles, pairs } = patch;
+        let written = Written::new(geometry);
         let positions: Vec<DVec3> =
-            positions.par_iter().map(|p| geometry.world(DVec3::from(p.map(f64::from)))).collect();
+            positions.par_iter().map(|p| written.place(DVec3::from(p.map(f64::from)))).collect();
         if geometry.is_mirrored() {
             triangles.par_iter_mut().for_each(|t| t.swap(1, 2));
         }
