@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let started = Instant::now();
         let status = Command::new(program)
             .args(["extract", "-q", "--type", "u16", "--spacing", "0.1", "--names", "air,aluminium,iron"])
-            .args(["--check", if topology { "topology" } else { "full" }])
+            .args(["--accuracy", "paper", "--check", if topology { "topology" } else { "full" }])
             .arg(format!("--size={side},{side},{depth}"))
             .arg(format!("--memory={mib}MiB"))
             .arg("--out")

@@ -17,6 +17,7 @@ use interfacet::contour::{ContourError, Piece, Thresholds, layers_of, merge};
 use interfacet::export::{PlyOptions, write_ply};
 use interfacet::material::{Blur, Found, ScanQuality, Survey};
 use interfacet::mesh::MeshMaterial;
+use interfacet::pipeline::Accuracy;
 use interfacet::volume::{OpenOptions, Sample, SampleWindow, open};
 use interfacet::{
     Border, Execution, InterfaceMesh, MaterialTable, PipelineOptions, VolumeSource, extract, with_sample_type,
@@ -180,7 +181,9 @@ fn main() -> Outcome {
     let ring = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/press_fit_ring.mha");
     let volume: PathBuf = arguments.get(1).map_or(ring, String::as_str).into();
     let source = open(&volume, &OpenOptions::default())?;
-    let (depth, options) = (source.geometry().size()[2], PipelineOptions::default());
+    // Bricks do what the papers do.
+    let options = PipelineOptions { accuracy: Accuracy::Paper, ..PipelineOptions::default() };
+    let depth = source.geometry().size()[2];
     let (materials, blur) = with_sample_type!(source.sample_type(), S => survey::<S>(source.as_ref()))?;
     let thickness = depth.div_ceil(count.clamp(1, depth));
     let bricks_of = |z: usize| z..(z + thickness).min(depth + 1);

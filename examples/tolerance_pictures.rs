@@ -16,7 +16,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use interfacet::grid::VoxelBox;
 use interfacet::phantom::{Phantom, PhantomOptions, SceneName};
-use interfacet::pipeline::{DualMethod, Method, Tolerance};
+use interfacet::pipeline::{Accuracy, DualMethod, Method, Tolerance};
 use interfacet::report::{Picture, RenderOptions, render, sheet};
 use interfacet::volume::{OpenOptions, RegionOfInterest, open};
 use interfacet::{Execution, MemorySource, PipelineOptions, VolumeSource, extract};
@@ -76,7 +76,7 @@ fn four(volume: &dyn VolumeSource, view: &RenderOptions, path: &Path) -> anyhow:
     for tolerance in TOLERANCES {
         let method =
             Method::Dual(DualMethod { tolerance: Tolerance::Voxels(tolerance), ..DualMethod::default() });
-        let options = PipelineOptions { method, ..PipelineOptions::default() };
+        let options = PipelineOptions { method, accuracy: Accuracy::Paper, ..PipelineOptions::default() };
         let mesh = extract(volume, &options, &execution)?.mesh;
         let count = mesh.triangles().len();
         let name = if tolerance < 0.0 { "not simplified".to_owned() } else { format!("{tolerance} voxel") };

@@ -183,7 +183,8 @@ fn a_plate_of_four_voxels_is_lost_as_published_and_found_with_the_lowered_radius
     let samples = phantom.rasterise(&execution).unwrap();
     let source = MemorySource::new(phantom.geometry().clone(), samples).unwrap();
     // All that there is is lost, and that is said.
-    let as_published = PipelineOptions { radius: Some(2.96), ..PipelineOptions::default() };
+    let accuracy = Accuracy::Paper;
+    let as_published = PipelineOptions { radius: Some(2.96), accuracy, ..PipelineOptions::default() };
     let lost = extract(&source, &as_published, &execution);
     assert!(matches!(lost, Err(PipelineError::NoInterface { .. })), "{:?}", lost.map(|e| e.findings.voxels));
     assert_right_topology(&run_with(&options, 1.5..2.6));

@@ -52,7 +52,7 @@ fn interfacet(arguments: &[&str]) -> (bool, serde_json::Value) {
     let out = folder.path().join("out");
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/press_fit_ring.mha");
     let status = Command::new(env!("CARGO_BIN_EXE_interfacet"))
-        .args(["extract", "-q", "--check", "topology", "--out"])
+        .args(["extract", "-q", "--accuracy", "paper", "--check", "topology", "--out"])
         .arg(&out)
         .arg(&fixture)
         .args(arguments)
@@ -70,13 +70,8 @@ fn interfacet(arguments: &[&str]) -> (bool, serde_json::Value) {
 
 #[test]
 fn a_material_that_nothing_became_is_named_and_gets_no_file() {
-    let (good, report) = interfacet(&[
-        "--accuracy=paper",
-        "--material=air=25",
-        "--material=al=72",
-        "--material=ghost=150",
-        "--material=fe=248",
-    ]);
+    let (good, report) =
+        interfacet(&["--material=air=25", "--material=al=72", "--material=ghost=150", "--material=fe=248"]);
     assert!(good);
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("no voxel became ghost"), "{warnings}");

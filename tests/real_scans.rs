@@ -27,8 +27,8 @@ fn scan(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Extracts with the program, whose full check must find nothing, then checks the files as a
-/// reader finds them: the assembly fully (rounding must not bring defects), each material's shell
+/// Extracts with the program, as published unless `more` says another accuracy (without optimisation models take minutes). Its full
+/// check must find nothing; then checks the files as a reader finds them: the assembly fully (rounding must not bring defects), each material's shell
 /// for closedness, manifoldness, and the volume that the report says.
 fn extract(name: &str, more: &[&str]) -> Option<(TempDir, RunReport)> {
     let input = scan(name)?;
@@ -39,6 +39,7 @@ fn extract(name: &str, more: &[&str]) -> Option<(TempDir, RunReport)> {
         .arg(&input)
         .arg("--out")
         .arg(&out)
+        .args(if more.contains(&"--accuracy") { &[][..] } else { &["--accuracy", "paper"] })
         .args(more)
         .output()
         .unwrap();

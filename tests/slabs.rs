@@ -344,8 +344,9 @@ fn runs_that_must_fail_fail_alike_in_slabs() {
         }
         error.unwrap()
     };
-    let options =
-        PipelineOptions { materials: given(|g| g), radius: Some(2.0), ..PipelineOptions::default() };
+    let accuracy = Accuracy::Paper;
+    let materials = given(|g| g);
+    let options = PipelineOptions { materials, radius: Some(2.0), accuracy, ..PipelineOptions::default() };
     let noise = voxels.clone().map(|i| GREYS[(mix(3, i) % 4) as usize] as u8).collect();
     let error = fails(&Samples::U8(noise), &options);
     assert!(matches!(error, PipelineError::Classify(ClassifyError::NoCore { .. })), "{error}");

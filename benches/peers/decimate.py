@@ -302,7 +302,7 @@ def available():
 
 def extracted(program, volume, out, *options):
     start = time.perf_counter()
-    done = run([program, "extract", volume, "--out", out, "--check", "topology", "-q", *options])
+    done = run([program, "extract", volume, "--out", out, "--accuracy", "paper", "--check", "topology", "-q", *options])
     if done.returncode != 0 and not (out / "assembly.ply").exists():
         raise SystemExit(done.stderr)
     return time.perf_counter() - start, read_assembly(out / "assembly.ply")

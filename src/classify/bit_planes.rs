@@ -165,6 +165,16 @@ impl BitPlanes {
         code
     }
 
+    /// The bits of the [`WORD`] lattice points of a row from x on, that of x lowest; zero beyond the row's end.
+    #[must_use]
+    #[inline]
+    pub fn bits_from(&self, plane: usize, x: usize, y: usize, z: usize) -> u64 {
+        let (word, shift) = (x / WORD, x % WORD);
+        let row = self.row(plane, y, z);
+        let next = if shift == 0 { 0 } else { row.get(word + 1).map_or(0, |next| next << (WORD - shift)) };
+        row.get(word).map_or(0, |own| own >> shift) | next
+    }
+
     /// The bits of two neighbouring lattice points x and x + 1 of a row.
     #[must_use]
     pub fn two_bits(&self, plane: usize, x: usize, y: usize, z: usize) -> u8 {
@@ -328,6 +338,11 @@ mod tests {
                     expected += u64::from(set);
                     assert_eq!(planes.bit(1, x, 2, z), set);
                     assert!(!planes.bit(0, x, 2, z));
+                    let bits = planes.bits_from(1, x, 2, z);
+                    for k in 0..WORD {
+                        let set = x + k < nx + 2 && planes.bit(1, x + k, 2, z);
+                        assert_eq!(bits >> k & 1 == 1, set);
+                    }
                     if x <= nx {
                         let two =
                             u8::from(planes.bit(1, x, 2, z)) | u8::from(planes.bit(1, x + 1, 2, z)) << 1;

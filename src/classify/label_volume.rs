@@ -25,6 +25,24 @@ pub struct LabelVolume {
     codes: BitPlanes,
 }
 
+/// See [`LabelVolume::word_from`].
+#[derive(Debug, Clone, Copy)]
+pub struct WordOfLabels<'a> {
+    labels: &'a LabelVolume,
+    planes: [u64; 8],
+}
+
+impl WordOfLabels<'_> {
+    /// The material of the point `k` places after the first, of less than [`WORD`].
+    #[must_use]
+    #[inline]
+    pub fn at(&self, k: usize) -> MaterialId {
+        let planes = self.planes.iter().enumerate().take(self.labels.codes.count());
+        let code = planes.fold(0, |code, (p, bits)| code | ((bits >> k & 1) as u8) << p);
+        self.labels.material_of_code(code)
+    }
+}
+
 /// Labels as they come from outside.
 #[derive(Deserialize)]
 struct Unchecked {
@@ -273,6 +291,17 @@ impl LabelVolume {
     #[inline]
     pub fn at(&self, [x, y, z]: [usize; 3]) -> MaterialId {
         self.material_of_code(self.codes.code(x, y, z))
+    }
+
+    /// The materials of the [`WORD`] points of a row of the padded lattice from this one on.
+    #[must_use]
+    #[inline]
+    pub fn word_from(&self, [x, y, z]: [usize; 3]) -> WordOfLabels<'_> {
+        let mut planes = [0; 8];
+        for (p, bits) in planes.iter_mut().enumerate().take(self.codes.count()) {
+            *bits = self.codes.bits_from(p, x, y, z);
+        }
+        WordOfLabels { labels: self, planes }
     }
 
     /// Voxels of each material in the slices that are held.

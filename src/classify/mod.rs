@@ -35,7 +35,7 @@ pub use bricks::{Brick, Schedule, Sweep, SweepReport};
 pub use error::ClassifyError;
 pub use label_ids::{KnownLabels, LabelIds};
 pub use label_store::{LabelStore, Stored};
-pub use label_volume::LabelVolume;
+pub use label_volume::{LabelVolume, WordOfLabels};
 pub use pair::{core, junction, pair};
 pub use passes::{Decided, Passes, halo};
 pub use sweeps::{Classified, SlabPlan, classify_slabs};

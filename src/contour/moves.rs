@@ -22,10 +22,31 @@ pub struct Wish {
     pub sigma: f32,
 }
 
+/// A wish is granted no farther than this along each axis, lattice units: a vertex that moves by less than one reaches no triangles but
+/// those around it.
+const FARTHEST: f32 = 0.99;
+/// One for more than this is not granted at all: something else is meant.
+const TOO_FAR: f32 = 2.0;
+
 impl Wish {
-    /// Whether it is so near that it may be granted: less than one away along each axis.
+    /// How far it is, along the axis where it is farthest.
+    fn distance(&self) -> f32 {
+        (0..3).map(|a| (self.at[a] - self.safe[a]).abs()).fold(0.0, f32::max)
+    }
+
+    /// Whether it is so near that it may be granted, or a part of it.
     pub(super) fn is_near(&self) -> bool {
-        (0..3).all(|a| (self.at[a] - self.safe[a]).abs() < 1.0)
+        self.distance() < TOO_FAR
+    }
+
+    /// Where the vertex lies if as much is granted as may be.
+    pub(super) fn most(&self) -> [f32; 3] {
+        let distance = self.distance();
+        if distance <= FARTHEST {
+            return self.at;
+        }
+        let share = FARTHEST / distance;
+        [0, 1, 2].map(|a| self.safe[a] + share * (self.at[a] - self.safe[a]))
     }
 }
 

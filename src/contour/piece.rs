@@ -180,6 +180,18 @@ impl SeamKey {
         self.0 >> (3 * Self::BITS)
     }
 
+    /// How far below [`SeamKey::low`] the cells begin that have the vertex: along each axis the one there, or also the one before.
+    pub(super) fn below(self) -> [usize; 3] {
+        let across = |kinds: [u64; 3]| kinds.iter().position(|&kind| kind == self.kind());
+        let of = |axis: Option<usize>, along: bool| {
+            [0, 1, 2].map(|a| usize::from(axis.is_some_and(|b| (a == b) != along)))
+        };
+        match across(Self::EDGES) {
+            None => of(across(Self::NODES).or(across(Self::KINKS)), false),
+            edge => of(edge, true),
+        }
+    }
+
     /// The lowest point of its edge or face in the padded lattice.
     #[must_use]
     pub fn low(self) -> [usize; 3] {
@@ -205,5 +217,19 @@ impl fmt::Display for SeamKey {
         };
         let [x, y, z] = self.low();
         write!(f, "{what} at ({x}, {y}, {z}) of the padded lattice")
+    }
+}
+
+#[cfg(test)]
+mod key_tests {
+    use super::*;
+
+    #[test]
+    fn cells_around_a_vertex() {
+        let below = |kind| SeamKey::new(kind, [5, 6, 7]).below();
+        assert_eq!(SeamKey::EDGES.map(below), [[0, 1, 1], [1, 0, 1], [1, 1, 0]]);
+        assert_eq!(SeamKey::NODES.map(below), [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+        assert_eq!(SeamKey::KINKS.map(below), [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+        assert_eq!(below(SeamKey::APEX + 1), [0; 3]);
     }
 }

@@ -56,14 +56,15 @@ pub fn settle(
 
 /// Where a vertex lies of whose wish so many parts are granted.
 fn partly(wish: &Wish, part: u8) -> [f32; 3] {
+    let most = wish.most();
     if part == PARTS {
-        return wish.at;
+        return most;
     }
     if part == 0 {
         return wish.safe;
     }
     let share = f32::from(part) / f32::from(PARTS);
-    [0, 1, 2].map(|a| wish.safe[a] + share * (wish.at[a] - wish.safe[a]))
+    [0, 1, 2].map(|a| wish.safe[a] + share * (most[a] - wish.safe[a]))
 }
 
 struct Settling<'a> {

@@ -14,7 +14,7 @@ use glam::DVec3;
 use nalgebra::SVector;
 
 use super::gauss::TABLES;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise, packed, packed_sigma};
+use super::least_squares::{ENOUGH, Fit, Model, Normal, Problem, minimise, packed, packed_sigma};
 use super::passage::Passage;
 use super::sheet::{LevelPrior, Sample};
 
@@ -100,6 +100,7 @@ pub(super) fn fit_ball(
         prior: [(0.0, f64::INFINITY); PARAMETERS],
         most: [0.5, 0.5, 0.5, 0.5, f64::INFINITY, f64::INFINITY],
         iterations: 15,
+        enough: ENOUGH,
     };
     for (prior, level) in problem.prior[4..].iter_mut().zip(levels) {
         *prior = (level.mean, level.sigma);

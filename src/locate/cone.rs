@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, SVector};
 use super::batch::{BATCH, Batch, Batches, Row, Rows, Sums, assemble, dot};
 use super::corner::principal_sigmas;
 use super::frame::basis;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::least_squares::{ENOUGH, Fit, Model, Normal, Problem, minimise};
 use super::orthant::{Distances, Planes, ZERO};
 use super::sheet::{LevelPrior, Reading, Sample};
 
@@ -203,6 +203,7 @@ impl Cone {
             prior: [(0.0, f64::INFINITY); CONE],
             most: [0.8; CONE],
             iterations,
+            enough: ENOUGH,
         };
         let mut start = SVector::<f64, CONE>::zeros();
         for i in 0..3 {

@@ -12,6 +12,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::by_box::ByBox;
 use super::cone::{Cone, ConeFit, ConePrior};
 use super::corner::Corner;
 use super::corner_planes::{Plane, planes_about};
@@ -58,7 +59,7 @@ fn triple(site: &Site) -> Option<[MaterialId; 3]> {
 #[must_use]
 pub(super) fn cone_sites(
     view: &View<'_>,
-    flats: &FlatIndex<'_>,
+    flats: &FlatIndex,
     places: &[DVec3],
     junctions: &[Site],
     core: &Range<usize>,
@@ -68,16 +69,10 @@ pub(super) fn cone_sites(
     let places = thinned(places.to_vec());
     let mut starts: Vec<Start> =
         places.par_iter().flat_map_iter(|place| plates(view, flats, *place)).collect();
-    let side = view.units.voxel(DVec3::splat(AROUND)).max_element();
-    let key = |at: DVec3| (at / side).floor().as_ivec3().to_array();
-    let mut boxes: BTreeMap<[i32; 3], Vec<&Site>> = BTreeMap::new();
-    for site in junctions {
-        boxes.entry(key(site.at)).or_default().push(site);
-    }
+    let mut boxes = ByBox::new(view.units.voxel(DVec3::splat(AROUND)).max_element());
+    junctions.iter().for_each(|site| boxes.insert((), site.at, site));
     let near = |site: &Site| -> Vec<&Site> {
-        let [x, y, z] = key(site.at);
-        let keys = (0..27).map(|i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]);
-        let mut near: Vec<&Site> = keys.filter_map(|k| boxes.get(&k)).flatten().copied().collect();
+        let mut near: Vec<&Site> = boxes.near((), site.at).collect();
         near.retain(|other| view.units.of(other.at - site.at).length() < AROUND);
         near.sort_by(|a, b| {
             let key = |s: &Site| [s.at.distance_squared(site.at), s.at.z, s.at.y, s.at.x];
@@ -145,7 +140,7 @@ const THROUGH: f64 = 0.15;
 const ASIDE: f64 = 0.7;
 
 /// Three planes through a line and a fourth across it around a place.
-fn plates(view: &View<'_>, flats: &FlatIndex<'_>, place: DVec3) -> Vec<Start> {
+fn plates(view: &View<'_>, flats: &FlatIndex, place: DVec3) -> Vec<Start> {
     let planes = planes_about(view, flats, place);
     let mut out = Vec::new();
     for i in 0..planes.len() {
@@ -214,6 +209,9 @@ fn plate(view: &View<'_>, place: DVec3, three: [&Plane<'_>; 3], across: &Plane<'
 }
 
 fn fit(view: &View<'_>, start: &Start) -> Option<Site> {
+    if view.execution.is_cancelled() {
+        return None;
+    }
     let Start { materials, rays, .. } = *start;
     let mut middle = start.at;
     let levels: [LevelPrior; 4] = materials.map(|m| view.level(m, middle));

@@ -9,7 +9,7 @@ use super::batch::{Batches, assemble};
 use super::corner::{BEND, CORNER, Corner, CornerFit, FLATTEST, LEVEL, MATERIALS, SIGMA, TILT, lean};
 use super::corner_rows::Known;
 use super::frame::basis;
-use super::least_squares::{Model, Normal, Problem, minimise};
+use super::least_squares::{ENOUGH, Model, Normal, Problem, minimise};
 use super::sheet::{LevelPrior, Reading};
 
 /// What is known before a fit of a corner.
@@ -72,6 +72,7 @@ impl Corner {
             prior: [(0.0, f64::INFINITY); CORNER],
             most: [0.8; CORNER],
             iterations,
+            enough: ENOUGH,
         };
         let mut start = SVector::<f64, CORNER>::zeros();
         let present = self.present();

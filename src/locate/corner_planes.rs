@@ -92,7 +92,7 @@ impl Plane<'_> {
 }
 
 /// The planes that patches show around `centre` (voxels), those with most patches first.
-pub(super) fn planes_about<'a>(view: &View<'_>, flats: &FlatIndex<'a>, centre: DVec3) -> Vec<Plane<'a>> {
+pub(super) fn planes_about<'a>(view: &View<'_>, flats: &'a FlatIndex, centre: DVec3) -> Vec<Plane<'a>> {
     let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
     let mut near: Vec<(f64, DVec3, &Flat)> = flats
         .near(centre, reach)

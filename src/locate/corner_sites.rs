@@ -68,6 +68,8 @@ const HOPELESS: f64 = 3.0;
 const BLUNT: f64 = 0.83;
 /// Largest standard deviation of the apex, blur units.
 pub(super) const UNSURE: f64 = 0.25;
+/// The same of a first fit, without patches: of those that were accepted in the end none had more than 0.4.
+const VAGUE: f64 = 0.75;
 /// Edge of the boxes in which one fit is enough, voxels.
 pub(super) const CELL: f64 = 4.0;
 /// Planes that meet this near to each other are the same three, blur units.
@@ -103,7 +105,7 @@ pub(super) fn junctions_about(view: &View<'_>, core: &Range<usize>) -> Vec<DVec3
 #[must_use]
 pub(super) fn corner_sites(
     view: &View<'_>,
-    flats: &FlatIndex<'_>,
+    flats: &FlatIndex,
     junctions: &[DVec3],
     rough: &[Rough],
     core: &Range<usize>,
@@ -181,7 +183,7 @@ fn triples(planes: &[Plane<'_>], reach: f64) -> Vec<([usize; 3], DVec3, f64)> {
     out
 }
 
-fn starts<'a>(view: &View<'_>, flats: &FlatIndex<'a>, seed: DVec3) -> Vec<Start<'a>> {
+fn starts<'a>(view: &View<'_>, flats: &'a FlatIndex, seed: DVec3) -> Vec<Start<'a>> {
     let planes: Arc<[Plane<'a>]> = planes_about(view, flats, seed).into();
     let found = triples(&planes, REACH);
     found
@@ -266,8 +268,8 @@ impl Window {
         corner_starts::Start::new(&self.planes, &self.samples, &self.labels, &self.prior)
     }
 
-    fn find(&self, start: &corner_starts::Start, anchors: &[Anchor]) -> Option<Found> {
-        start.find(&self.samples, anchors, &self.prior, self.hopeless())
+    fn find(&self, start: &corner_starts::Start, anchors: &[Anchor], first: bool) -> Option<Found> {
+        start.find(&self.samples, anchors, &self.prior, self.hopeless(), FARTHEST, first)
     }
 
     /// The places on planes that agree with a fit without them.
@@ -323,7 +325,7 @@ impl Window {
 /// there most clearly: often more patches show them. But a plane that one patch alone shows may not be found again.
 fn planes_of<'a>(
     view: &View<'_>,
-    flats: &FlatIndex<'a>,
+    flats: &'a FlatIndex,
     start: &Start<'a>,
     kept: bool,
     middle: DVec3,
@@ -345,11 +347,14 @@ fn planes_of<'a>(
 /// The fit from a start, if it is accepted; not from where planes met that were `tried` before.
 fn fit<'a>(
     view: &View<'_>,
-    flats: &FlatIndex<'a>,
+    flats: &'a FlatIndex,
     at: &Start<'a>,
     kept: bool,
     tried: &mut Vec<DVec3>,
 ) -> Option<Site> {
+    if view.execution.is_cancelled() {
+        return None;
+    }
     let (_, apex) = planes_of(view, flats, at, kept, at.at)?;
     let mut middle = at.at + view.units.voxel(apex);
     if tried.iter().any(|other| view.units.of(*other - middle).length() < ALIKE) {
@@ -366,9 +371,10 @@ fn fit<'a>(
             if !start.is_complete() {
                 return None;
             }
-            let mut found = window.find(&start, &[])?.fit;
+            let mut found = window.find(&start, &[], true)?.fit;
             let moved = found.corner.apex;
-            if moved.length() > FARTHEST || found.reduced() > window.hopeless() {
+            let is_vague = found.apex_sigmas()[2] > VAGUE;
+            if moved.length() > FARTHEST || is_vague || found.reduced() > window.hopeless() {
                 return None;
             }
             if moved.length() > STILL {
@@ -378,7 +384,7 @@ fn fit<'a>(
             last = Some(found);
             continue;
         };
-        let found = window.find(&start, &window.agreeing(&before))?;
+        let found = window.find(&start, &window.agreeing(&before), false)?;
         if found.fit.corner.apex.length() > FARTHEST || !window.accepts(&found) {
             return None;
         }

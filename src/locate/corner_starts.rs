@@ -31,6 +31,8 @@ const TRIAL: usize = 14;
 const ROUGH: usize = 6;
 const LOST: f64 = 8.0;
 const FINAL: usize = 40;
+/// On the way a fit may stray so many times as far as its apex may lie in the end.
+const STRAY: f64 = 1.5;
 /// Misfit and strain per sample that leave nothing to explain: noise is known to some 15 %.
 const EXPLAINED: f64 = 1.3;
 /// Whatever the noise: by how many times the misfit all changes of one octant would raise it where nothing is left
@@ -216,7 +218,7 @@ pub(super) fn find(
     hopeless: f64,
 ) -> Option<Found> {
     let samples = &Batches::new(samples);
-    Start::new(planes, samples, labels, prior)?.find(samples, anchors, prior, hopeless)
+    Start::new(planes, samples, labels, prior)?.find(samples, anchors, prior, hopeless, f64::INFINITY, false)
 }
 
 impl Start {
@@ -226,7 +228,9 @@ impl Start {
     }
 
     /// Fits from here, then from other materials until the grey values are explained, and returns the best fit.
-    /// `None` where fits are far from leaving no more than `hopeless` in chi squared per measurement.
+    /// `None` where fits are far from leaving no more than `hopeless` in chi squared per measurement, and where they are
+    /// explained by a corner farther than `farthest` from the window's middle: by an edge or a single sheet. A `first` fit, from which
+    /// the window is moved, need not be good to the last digit.
     #[must_use]
     pub(super) fn find(
         &self,
@@ -234,12 +238,18 @@ impl Start {
         anchors: &[Anchor],
         prior: &CornerPrior,
         hopeless: f64,
+        farthest: f64,
+        first: bool,
     ) -> Option<Found> {
         let measured = (samples.voxels() + anchors.len()) as f64;
+        let is_far = |fit: &CornerFit| fit.corner.apex.length() > STRAY * farthest;
         // In few steps, and on where they lead somewhere.
         let trial = |corner: &Corner| {
             let rough = corner.fit(samples, anchors, prior, ROUGH)?;
             if rough.fit.converged || total(&rough) > LOST * hopeless * measured {
+                return Some(rough);
+            }
+            if is_far(&rough) {
                 return Some(rough);
             }
             rough.corner.fit(samples, anchors, prior, TRIAL - ROUGH)
@@ -269,6 +279,9 @@ impl Start {
                 tried.push(materials);
                 let Some(fit) = trial(&Corner { materials, ..self.corner.clone() }) else { continue };
                 let value = total(&fit);
+                if is_far(&fit) && value < hopeless * measured {
+                    return None;
+                }
                 if !is_believable(&fit.corner, prior) || best.as_ref().is_some_and(|b| total(b) <= value) {
                     continue;
                 }
@@ -285,11 +298,11 @@ impl Start {
             }
         }
         let mut fit = best?;
-        if fit.reduced() > 2.0 * hopeless {
+        if fit.reduced() > 2.0 * hopeless || is_far(&fit) {
             return None;
         }
         // Bends are told in the frames of the start; and a trial may have been too short.
-        if !fit.fit.converged || fit.corner.forms != [DMat3::ZERO; 3] {
+        if !first && (!fit.fit.converged || fit.corner.forms != [DMat3::ZERO; 3]) {
             fit = fit.corner.fit(samples, anchors, prior, FINAL)?;
         }
         let margin = margin(&fit.corner, samples, prior);

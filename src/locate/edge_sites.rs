@@ -8,19 +8,22 @@
 //! explain these, too.
 
 use std::cmp::Ordering;
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::ball_model::fit_ball;
+use super::by_box::ByBox;
+use super::crossing_edges::differing_from;
 use super::flanks::{FlatIndex, flanks_of};
+use super::junction_fit::STILL;
 use super::patches::{Flat, Rough};
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{BLURRED, EDGE, Flank, Prior, Stage, Wedge, WedgeFit};
+use super::wedge::{BLURRED, EDGE, Flank, Prior, Section, Stage, Wedge, WedgeFit};
+use crate::classify::{WORD, set_bits};
 use crate::grid::MaterialId;
 
 /// Patches are looked for within this distance of a seed, blur units.
@@ -52,7 +55,7 @@ const FARTHEST: f64 = 3.5;
 #[must_use]
 pub(super) fn edge_sites(
     view: &View<'_>,
-    flats: &FlatIndex<'_>,
+    flats: &FlatIndex,
     seeds: &[Rough],
     core: Range<usize>,
 ) -> Vec<Site> {
@@ -105,18 +108,14 @@ impl Start {
 
 /// Where edges should go on from these starts, and none of them is near.
 fn onwards(view: &View<'_>, starts: &[Start]) -> Vec<Start> {
-    let mut places: BTreeMap<([i32; 3], [MaterialId; 2]), Vec<DVec3>> = BTreeMap::new();
+    let mut places = ByBox::new(CELL);
     for start in starts {
         let at = start.seed.at + view.units.voxel(start.wedge.origin);
-        places.entry((start.cell, start.seed.pair)).or_default().push(at);
+        places.insert(start.seed.pair, at, at);
     }
     let is_new = |start: &Start| {
-        let ([x, y, z], at) = (start.cell, start.seed.at);
-        (0..27).all(|i| {
-            let cell = [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1];
-            let near = |all: &Vec<DVec3>| all.iter().any(|other| other.distance(at) < NEW * CELL);
-            !places.get(&(cell, start.seed.pair)).is_some_and(near)
-        })
+        let at = start.seed.at;
+        places.near(start.seed.pair, at).all(|other| other.distance(at) >= NEW * CELL)
     };
     starts.iter().flat_map(|s| [-1.0, 1.0].map(|sense| s.onwards(view, sense))).filter(is_new).collect()
 }
@@ -130,7 +129,7 @@ fn cell_of(at: DVec3) -> [i32; 3] {
 }
 
 /// The two patches around a seed that make an edge: near, and of different directions.
-fn faces<'a>(view: &View<'_>, flats: &FlatIndex<'a>, seed: &Rough) -> Option<[&'a Flat; 2]> {
+fn faces<'a>(view: &View<'_>, flats: &'a FlatIndex, seed: &Rough) -> Option<[&'a Flat; 2]> {
     let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
     let mut near: Vec<(&Flat, f64)> = flats
         .near(seed.at, reach)
@@ -193,9 +192,13 @@ fn faces_of_crossings(view: &View<'_>, seed: &Rough) -> Option<[Flat; 2]> {
         }))
     };
     let mut found: Vec<(DVec3, DVec3)> = Vec::new();
+    // Of the window's rows, no wider than a word.
+    let within = (1u64 << (end[0].saturating_sub(low[0])).min(WORD - 1)) - 1;
     for z in low[2].max(slices.start + 1)..end[2].min(slices.end.saturating_sub(2)) {
         for y in low[1]..end[1] {
-            for x in low[0]..end[0] {
+            let row = [low[0], y, z];
+            let differs = [0, 1, 2].map(|axis| within & differing_from(view.labels, row, axis));
+            for x in set_bits(differs[0] | differs[1] | differs[2]).map(|k| low[0] + k) {
                 let from = [x, y, z];
                 let here = view.label(from);
                 for axis in 0..3 {
@@ -261,7 +264,7 @@ fn faces_of_crossings(view: &View<'_>, seed: &Rough) -> Option<[Flat; 2]> {
 }
 
 /// The wedge that two faces make about a seed: patches, or where those make none crossings around.
-fn start(view: &View<'_>, flats: &FlatIndex<'_>, seed: &Rough) -> Option<Start> {
+fn start(view: &View<'_>, flats: &FlatIndex, seed: &Rough) -> Option<Start> {
     let by_patches = faces(view, flats, seed).and_then(|faces| start_of(view, seed, faces.map(|f| *f)));
     // Where a patch was accepted, those around tell if there is an edge.
     let alone = || if seed.fitted { None } else { faces_of_crossings(view, seed) };
@@ -312,7 +315,10 @@ const FEWEST_VOXELS: usize = 60;
 /// So many labels may contradict.
 const MOST_WRONG: usize = 2;
 
-fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
+fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
+    if view.execution.is_cancelled() {
+        return None;
+    }
     let Start { seed, wedge, materials, .. } = start;
     let (mut wedge, materials) = (wedge.clone(), *materials);
     let levels: [LevelPrior; 2] = materials.map(|m| view.level(m, seed.at));
@@ -327,16 +333,16 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
     };
     let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
     let mut on: Vec<Flank> = Vec::new();
-    let mut last: Option<WedgeFit<2, EDGE>> = None;
-    let mut from = wedge.origin;
-    for pass in 0..2 {
-        from = wedge.origin;
+    let mut is_again = false;
+    let (fit, from) = loop {
+        let from = wedge.origin;
         view.samples(seed.at, from, FULL + BLURRED[0], &mut seen, &mut samples);
         // A third material, or another part, is none of the edge's.
         if seen.iter().any(|s| !materials.contains(&s.label) && s.sample.at.length() < BLURRED[1]) {
             return None;
         }
-        let others = wedge.others(&materials, seen.iter().zip(&samples));
+        let sections: Vec<Section> = samples.iter().map(|s| wedge.section(s.at)).collect();
+        let others = wedge.others(&materials, seen.iter().zip(&samples).zip(&sections));
         // Two edges of something thin, as at the mouth of a gap, are not told apart by windows that leave the other out.
         if others.iter().filter(|(p, _)| p.distance(from) < BLURRED[1]).count() > MOST_WRONG {
             return None;
@@ -355,20 +361,19 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
             return None;
         }
         let best = planar.or_curved(&samples, &on, &prior);
+        if is_again || best.wedge.apex(0.0).length() <= STILL {
+            break (best, from);
+        }
         wedge = best.wedge.recentred(0.0);
-        let still = best.wedge.apex(0.0).length() < 0.1;
-        last = Some(best);
         if wedge.origin.length() > FARTHEST {
             return None;
         }
-        if pass == 0 && still {
-            break;
-        }
-    }
-    let fit = last?;
+        is_again = true;
+    };
     let angle = fit.wedge.angles()[0];
     let turn = (angle - std::f64::consts::PI).abs();
     let accepted = fit.wedge.apex(0.0).length() < 1.0
+        && fit.wedge.point(0.0).length() <= FARTHEST
         && fit.apex_sigma(0.0)[1] < UNSURE
         && fit.explains(&reading, contrast)
         && turn > 0.35
@@ -382,7 +387,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex<'_>, start: &Start) -> Option<Site> {
     let wrong = seen
         .iter()
         .filter(|s| !s.uncertain && s.sample.at.length() <= FULL)
-        .filter(|s| fit.wedge.is_contradicted(&materials, s.label, s.sample.at + from))
+        .filter(|s| fit.wedge.is_contradicted(&materials, s.label, fit.wedge.section(s.sample.at + from)))
         .count();
     if wrong > MOST_WRONG || is_ball(&fit, &samples, &prior) {
         return None;

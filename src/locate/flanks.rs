@@ -1,6 +1,7 @@
 //! Patches near a curve, as places on the flanks of its wedge.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
+use rayon::prelude::*;
 
 use super::patches::Flat;
 use super::view::View;
@@ -23,38 +24,67 @@ const SHARED: f64 = 2.0;
 const MODEL: f64 = 0.004;
 
 /// Patches, to be found by place.
-#[derive(Debug)]
-pub(super) struct FlatIndex<'a> {
-    flats: &'a [Flat],
-    /// Patches by box of `SIDE` voxels, sorted.
-    boxes: Vec<([i32; 3], u32)>,
+#[derive(Debug, Default)]
+pub(super) struct FlatIndex {
+    /// Sorted by box.
+    flats: Vec<Flat>,
+    boxes: Vec<[i32; 3]>,
+    /// The first row of boxes, as z and y; how many rows there are along y; and where each begins.
+    low: [i32; 2],
+    height: usize,
+    rows: Vec<u32>,
 }
 
+/// Edge of a box, voxels.
 const SIDE: f64 = 6.0;
 
 fn box_of(at: DVec3) -> [i32; 3] {
     [at.z, at.y, at.x].map(|c| (c / SIDE).floor() as i32)
 }
 
-impl<'a> FlatIndex<'a> {
+impl FlatIndex {
     /// Of these patches.
     #[must_use]
-    pub(super) fn new(flats: &'a [Flat]) -> Self {
-        let mut boxes: Vec<_> = flats.iter().enumerate().map(|(i, f)| (box_of(f.at), i as u32)).collect();
-        boxes.sort_unstable();
-        Self { flats, boxes }
+    pub(super) fn new(mut flats: Vec<Flat>) -> Self {
+        // Stable: the order within a box is that of the passes.
+        flats.par_sort_by_key(|flat| box_of(flat.at));
+        let boxes: Vec<[i32; 3]> = flats.iter().map(|flat| box_of(flat.at)).collect();
+        let ends = |a: usize| {
+            let all = || boxes.iter().map(|b| b[a]);
+            all().min().zip(all().max()).map_or([0; 2], |(low, high)| [low, high + 1])
+        };
+        let [z, y] = [ends(0), ends(1)];
+        let height = (y[1] - y[0]) as usize;
+        let starts = (z[0]..z[1]).flat_map(|z| (y[0]..y[1]).map(move |y| [z, y]));
+        let mut next = 0;
+        let mut rows: Vec<u32> = Vec::new();
+        for row in starts {
+            next += boxes[next..].iter().take_while(|b| [b[0], b[1]] < row).count();
+            rows.push(next as u32);
+        }
+        rows.push(boxes.len() as u32);
+        Self { flats, boxes, low: [z[0], y[0]], height, rows }
+    }
+
+    /// The patches of a row of boxes between two along x.
+    fn in_row(&self, [z, y]: [i32; 2], x: [i32; 2]) -> &[Flat] {
+        let [z, y] = [z - self.low[0], y - self.low[1]].map(|c| usize::try_from(c).unwrap_or(usize::MAX));
+        let row = z.checked_mul(self.height).map_or(usize::MAX, |row| row.saturating_add(y));
+        let (true, Some(&[first, end])) = (y < self.height, self.rows.get(row..row.saturating_add(2))) else {
+            return &[];
+        };
+        let (first, end) = (first as usize, end as usize);
+        let boxes = &self.boxes[first..end];
+        let [low, high] = [boxes.partition_point(|b| b[2] < x[0]), boxes.partition_point(|b| b[2] <= x[1])];
+        &self.flats[first + low..first + high]
     }
 
     /// The patches within `radius` voxels along each axis, in a fixed order.
-    pub(super) fn near(&self, at: DVec3, radius: f64) -> impl Iterator<Item = &'a Flat> {
+    pub(super) fn near(&self, at: DVec3, radius: f64) -> impl Iterator<Item = &Flat> {
         let (low, high) = (box_of(at - radius), box_of(at + radius));
         (low[0]..=high[0])
             .flat_map(move |z| (low[1]..=high[1]).map(move |y| [z, y]))
-            .flat_map(move |[z, y]| {
-                let first = self.boxes.partition_point(|b| b.0 < [z, y, low[2]]);
-                self.boxes[first..].iter().take_while(move |b| b.0 <= [z, y, high[2]])
-            })
-            .map(|b| &self.flats[b.1 as usize])
+            .flat_map(move |row| self.in_row(row, [low[2], high[2]]))
             .filter(move |f| (f.at - at).abs().max_element() <= radius)
     }
 }
@@ -66,7 +96,7 @@ const BEND: f64 = 0.02;
 /// curve with standard deviations.
 pub(super) fn flanks_of<const R: usize, const N: usize>(
     view: &View<'_>,
-    flats: &FlatIndex<'_>,
+    flats: &FlatIndex,
     middle: DVec3,
     wedge: &Wedge<R, N>,
     materials: &[MaterialId],
@@ -79,9 +109,8 @@ pub(super) fn flanks_of<const R: usize, const N: usize>(
     let reach = view.units.voxel(DVec3::splat(FARTHEST + 1.0)).max_element();
     for flat in flats.near(middle + view.units.voxel(wedge.origin), reach) {
         let at = view.units.of(flat.at - middle);
-        let (r, z) = wedge.section(at);
-        let distance: f64 = DVec2::length(r);
-        if !(NEAREST..=FARTHEST).contains(&distance) || z.abs() > ALONG {
+        let section = wedge.section(at);
+        if !(NEAREST..=FARTHEST).contains(&section.r.length()) || section.z.abs() > ALONG {
             continue;
         }
         for i in 0..R {
@@ -91,7 +120,7 @@ pub(super) fn flanks_of<const R: usize, const N: usize>(
             if pair != flat.pair {
                 continue;
             }
-            let (d, c, normal) = wedge.sheet(i, at);
+            let (d, c, normal) = wedge.sheet_of(i, section);
             let agrees = normal.dot(flat.normal) * if rising { 1.0 } else { -1.0 };
             // A sheet that turns farther than this over its length is no parabola any more.
             let bent = flat.curvature * c > 0.9;

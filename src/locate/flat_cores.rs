@@ -133,6 +133,7 @@ pub fn find_flat_cores(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
 mod tests {
     use super::*;
     use crate::classify::{BitPlanes, LabelVolume};
+    use crate::execution::Execution;
     use crate::locate::fixtures::distribution;
     use crate::material::{Levels, MaterialTable};
     use crate::volume::Slab;
@@ -171,7 +172,7 @@ mod tests {
             inflation: 1.0,
         };
         let slab = Slab::whole(&greys, SIZE);
-        find_flat_cores(&scan.view(&slab, &labels, &uncertain), 4..10)
+        find_flat_cores(&scan.view(&slab, &labels, &uncertain, &Execution::default()), 4..10)
     }
 
     #[test]

@@ -24,6 +24,8 @@ const OFF: [f64; 2] = [0.4, 0.05];
 const CROSSING: f64 = 0.25;
 /// Patches must lie at least this far from the line to tell a ray, blur units.
 const LEAST: f64 = 1.5;
+/// Sectors are no narrower than this, radians.
+const NARROWEST: f64 = 0.15;
 
 /// A line on which three interfaces meet, in blur units from the seed.
 #[derive(Debug, Clone, Copy)]
@@ -36,16 +38,28 @@ pub(super) struct Meeting {
     pub rays: [DVec3; 3],
 }
 
-/// A plane through patches: a point, the normal, and the mean of the patches' places.
+/// A plane through patches: the mean of their places, the normal, and the places.
 struct Plane {
     at: DVec3,
     normal: DVec3,
+    places: Vec<DVec3>,
+}
+
+impl Plane {
+    /// Where the patches lie as seen from a line on the plane, across it: for either side the direction and how many there are.
+    fn sides(&self, at: DVec3, direction: DVec3) -> [(DVec3, usize); 2] {
+        let across = direction.cross(self.normal).normalize_or_zero();
+        [across, -across].map(|side| {
+            let own = |place: &&DVec3| (**place - at).dot(side) >= LEAST;
+            (side, self.places.iter().filter(own).count())
+        })
+    }
 }
 
 /// The line on which the interfaces of three materials meet, by the patches around `seed` (voxels).
 pub(super) fn meeting(
     view: &View<'_>,
-    flats: &FlatIndex<'_>,
+    flats: &FlatIndex,
     seed: DVec3,
     materials: [MaterialId; 3],
 ) -> Option<Meeting> {
@@ -60,17 +74,17 @@ pub(super) fn meeting(
         let pair = pair.map(|k| materials[k]);
         let own = || near.iter().filter(|(.., f)| f.pair == pair);
         let (_, first, flat) = own().min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let (mut at, mut normal, mut count) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        let (mut normal, mut places) = (DVec3::ZERO, Vec::new());
         for (_, place, f) in own() {
             let apart = place.distance(*first);
             let off = flat.normal.dot(*place - *first).abs();
             if f.normal.dot(flat.normal) > ALIKE && off < OFF[0] + OFF[1] * apart {
-                at += *place;
+                places.push(*place);
                 normal += f.normal;
-                count += 1.0;
             }
         }
-        Some(Plane { at: at / count, normal: normal.try_normalize()? })
+        let at = places.iter().sum::<DVec3>() / places.len() as f64;
+        Some(Plane { at, normal: normal.try_normalize()?, places })
     };
     let planes = [plane([0, 1])?, plane([0, 2])?, plane([1, 2])?];
     let across = |i: usize, j: usize| planes[i].normal.cross(planes[j].normal);
@@ -90,15 +104,20 @@ pub(super) fn meeting(
     if at.length() > FARTHEST {
         return None;
     }
-    let mut rays = [DVec3::ZERO; 3];
-    for (ray, plane) in rays.iter_mut().zip(&planes) {
-        let towards = plane.at - at;
-        let flat = towards - direction * direction.dot(towards);
-        if flat.length() < LEAST {
-            return None;
-        }
-        *ray = flat.normalize();
-    }
+    // An interface may have patches on both sides of the line: beside the tip of a narrow wedge labels name its neighbours, and patches
+    // that are theirs by name go on along its faces. Those sides are the interfaces' that leave every sector room; of several the
+    // one that most patches show.
+    let sides = planes.each_ref().map(|plane| plane.sides(at, direction));
+    let choices = (0..8usize).filter_map(|choice| {
+        let chosen = [0, 1, 2].map(|k| sides[k][choice >> k & 1]);
+        let [a, b, c] = chosen.map(|(ray, _)| ray);
+        let nearest = a.angle_between(b).min(b.angle_between(c)).min(c.angle_between(a));
+        let shown = chosen.iter().all(|(_, count)| *count > 0);
+        let all = chosen.iter().map(|(_, count)| count).sum::<usize>();
+        (shown && nearest > NARROWEST).then_some((all, [a, b, c]))
+    });
+    let (_, rays) =
+        choices.fold(None, |best: Option<(usize, _)>, next| best.filter(|b| b.0 >= next.0).or(Some(next)))?;
     Some(Meeting { at, direction, rays })
 }
 

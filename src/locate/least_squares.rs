@@ -52,7 +52,13 @@ pub(super) struct Problem<const N: usize> {
     pub most: [f64; N],
     /// Iterations at most.
     pub iterations: usize,
+    /// A step that promises to lower the misfit by no more than this is not made.
+    pub enough: f64,
 }
+
+/// Of [`Problem::enough`] for a fit that is a result, a tenth of a standard deviation; and for one that another starts from.
+pub(super) const ENOUGH: f64 = 0.01;
+pub(super) const ENOUGH_TO_START: f64 = 0.5;
 
 /// A fit.
 #[derive(Debug, Clone)]
@@ -70,8 +76,12 @@ pub struct Fit<const N: usize> {
     pub converged: bool,
 }
 
-/// A step counts as small if no parameter moves by more than this share of its standard deviation.
-const SMALL: f64 = 0.05;
+/// Where the damping is above this, a step that promises little may be held back.
+const FREE: f64 = 1.0;
+/// Damping after a good step falls to no less than this share, and rises by this factor after the first bad one, twice as much
+/// after each next (Nielsen 1999, Damping Parameter in Marquardt's Method).
+const LOWER: f64 = 0.2;
+const RAISE: f64 = 4.0;
 
 /// Misfits are summed in single precision.
 const ROUNDING: f64 = 1e-6;
@@ -89,37 +99,37 @@ pub(super) fn minimise<const N: usize>(
             .sum()
     };
     let mut x = start;
-    let mut lambda = 1e-3;
+    let (mut lambda, mut raise) = (1e-3, RAISE);
     let mut converged = false;
     let (mut chi2, mut equations) = assemble(model, problem, &x);
     let mut total = chi2 + strain(&x);
     for _ in 0..problem.iterations {
-        let Some(step) = damped_step(&equations, problem, lambda) else {
+        let Some((step, promised)) = damped_step(&equations, problem, lambda) else {
             lambda *= 10.0;
             if lambda > 1e6 {
                 return None;
             }
             continue;
         };
+        if promised < problem.enough && lambda < FREE {
+            converged = true;
+            break;
+        }
         let next = x + step;
         // Most steps are good ones: their derivatives are made along with their misfit.
         let tried = model.is_possible(&next).then(|| assemble(model, problem, &next));
         let value = tried.as_ref().map_or(f64::INFINITY, |t| t.0 + strain(&next));
         if let Some(better) = tried.filter(|_| value <= total * (1.0 + 1e-12)) {
-            let gain = total - value;
+            // Where the misfit falls as promised the next step may be freer.
+            let kept = (total - value) / promised;
+            lambda = (lambda * (1.0 - (2.0 * kept - 1.0).powi(3)).clamp(LOWER, 2.0)).max(1e-9);
+            raise = RAISE;
             x = next;
-            lambda = (lambda * 0.2).max(1e-9);
             (chi2, equations) = better;
             total = value;
-            let small = (0..N).all(|i| {
-                !problem.active[i] || step[i].abs() <= SMALL / equations.matrix[(i, i)].max(1e-30).sqrt()
-            });
-            if small || gain < 1e-3 {
-                converged = true;
-                break;
-            }
         } else {
-            lambda *= 8.0;
+            lambda *= raise;
+            raise *= 2.0;
             if lambda > 1e8 || (value - total).abs() < ROUNDING * total {
                 // No step improves it: a minimum, as far as rounding can tell.
                 converged = true;
@@ -163,6 +173,7 @@ impl<const N: usize> Factor<N> {
     /// Of a symmetric matrix (its lower triangle), the diagonal enlarged by the share `lambda`. `None` unless it is positive
     /// definite.
     fn new(matrix: &SMatrix<f64, N, N>, active: &[bool; N], lambda: f64) -> Option<Self> {
+        const { assert!(N <= MOST_PARAMETERS) }
         let (mut of, mut count) = ([0; N], 0);
         for i in (0..N).filter(|&i| active[i]) {
             of[count] = i;
@@ -241,11 +252,14 @@ pub(super) fn packed_sigma<const N: usize>(packed: &[f32], g: &[f64; N]) -> f64 
     variance.max(0.0).sqrt()
 }
 
+/// Models have no more parameters than this.
+const MOST_PARAMETERS: usize = 32;
+
 /// Replaces a positive definite matrix (its lower triangle; `count` rows, each `width` entries after the one before) by its Cholesky
 /// factor; false if it is none. One function for all sizes: with the size known, the compiler unrolls the three loops into each
 /// other for more than a minute.
 fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
-    let mut column = Vec::with_capacity(count);
+    let mut column = [0.0; MOST_PARAMETERS];
     for k in 0..count {
         let (done, below) = rows.split_at_mut((k + 1) * width);
         let pivot = &mut done[k * width + k];
@@ -254,10 +268,9 @@ fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
         }
         let root = pivot.sqrt();
         *pivot = root;
-        column.clear();
-        for row in below.chunks_exact_mut(width).take(count - k - 1) {
+        for (row, entry) in below.chunks_exact_mut(width).take(count - k - 1).zip(&mut column) {
             row[k] /= root;
-            column.push(row[k]);
+            *entry = row[k];
         }
         for (i, row) in below.chunks_exact_mut(width).take(count - k - 1).enumerate() {
             let factor = column[i];
@@ -269,17 +282,23 @@ fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
     true
 }
 
-/// The damped Gauss-Newton step, shortened as a whole so that no parameter moves too far.
+/// The damped Gauss-Newton step, shortened as a whole so that no parameter moves too far, and by how much it lowers the misfit if
+/// the model is as linear as its derivatives say.
 fn damped_step<const N: usize>(
     equations: &Normal<N>,
     problem: &Problem<N>,
     lambda: f64,
-) -> Option<SVector<f64, N>> {
-    let step = -Factor::new(&equations.matrix, &problem.active, lambda)?.solve(&equations.right);
+) -> Option<(SVector<f64, N>, f64)> {
+    let Normal { matrix, right, .. } = equations;
+    let step = -Factor::new(matrix, &problem.active, lambda)?.solve(right);
     if !step.iter().all(|s| s.is_finite()) {
         return None;
     }
-    let shorten =
-        (0..N).filter(|&i| problem.active[i]).fold(1.0f64, |s, i| s.min(problem.most[i] / step[i].abs()));
-    Some(step * shorten.min(1.0))
+    let active = || (0..N).filter(|&i| problem.active[i]);
+    let share = active().fold(1.0f64, |s, i| s.min(problem.most[i] / step[i].abs())).min(1.0);
+    // The step solves (H + lambda D) s = -g.
+    let falls: f64 = active().map(|i| -right[i] * step[i]).sum();
+    let damping: f64 = active().map(|i| lambda * matrix[(i, i)] * step[i] * step[i]).sum();
+    let promised = share * (2.0 * falls - share * (falls - damping));
+    Some((step * share, promised))
 }

@@ -26,6 +26,8 @@
 mod ball_model;
 #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod batch;
+mod blend;
+mod by_box;
 #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD
 mod cone;
 mod cone_sites;
@@ -49,6 +51,7 @@ mod flat_starts;
 mod frame;
 mod gauss;
 mod hermite;
+mod junction_fit;
 mod junction_sites;
 mod least_squares;
 mod normal;
@@ -78,7 +81,9 @@ pub use flat_cores::{find_flat_cores, reach as flat_reach};
 pub use frame::BlurUnits;
 pub use hermite::LocatedHermite;
 pub use passage::Passage;
-pub use passes::{MOST_HALO, Models, Sheets, find_curves, find_junctions, find_sheets, halo, models};
+pub use passes::{
+    MOST_HALO, Models, SheetIndex, Sheets, find_curves, find_junctions, find_sheets, halo, models,
+};
 pub use patches::{Flat, Patches, Rough};
 pub use rule::{Found, Located};
 pub use sheet::{LevelPrior, Reading, Sample};

@@ -33,7 +33,9 @@ pub fn halo(units: BlurUnits) -> usize {
     let unit = 1.0 / units.per_voxel.z;
     // From patches it starts farther off, but labels are not looked at there.
     // Islands are judged by what is within `specks::FAR` of them.
-    (10.0 * unit + 8.0 + specks::FAR as f64).max((flat_starts::FARTHEST + 9.2) * unit).ceil() as usize
+    // And blocks beside those of the slices are fitted.
+    (10.0 * unit + 8.0 + (specks::FAR + BLOCK) as f64).max((flat_starts::FARTHEST + 9.2) * unit).ceil()
+        as usize
 }
 
 /// [`halo`] at most: for a blur of sigma 2.6 voxels along z. Models are not used for a wider one.
@@ -53,6 +55,19 @@ impl Sheets {
     pub fn append(&mut self, mut next: Self) {
         self.flats.append(&mut next.flats);
         self.rough.append(&mut next.rough);
+    }
+}
+
+/// The sheets of the whole volume, patches to be found by place.
+#[derive(Debug)]
+pub struct SheetIndex {
+    flats: FlatIndex,
+    rough: Vec<Rough>,
+}
+
+impl From<Sheets> for SheetIndex {
+    fn from(sheets: Sheets) -> Self {
+        Self { flats: FlatIndex::new(sheets.flats), rough: sheets.rough }
     }
 }
 
@@ -109,16 +124,16 @@ impl Neighbourhood {
 
 /// Pass 3, of the slices `core`; `junctions` and `sheets` are those of the whole volume.
 #[must_use]
-pub fn find_curves(view: &View<'_>, junctions: &Sites, sheets: &Sheets, core: Range<usize>) -> Vec<Site> {
-    let flats = FlatIndex::new(&sheets.flats);
-    let mut found = refine(view, &flats, junctions.all(), &core);
-    found.extend(more_junctions(view, &flats, junctions.all(), &core));
+pub fn find_curves(view: &View<'_>, junctions: &Sites, sheets: &SheetIndex, core: Range<usize>) -> Vec<Site> {
+    let flats = &sheets.flats;
+    let mut found = refine(view, flats, junctions.all(), &core);
+    found.extend(more_junctions(view, flats, junctions.all(), &core));
     let relabelled = Relabelled::new(view, junctions);
     let relabelled = relabelled.view(view);
     let places = junctions_about(&relabelled, &core);
-    found.extend(corner_sites(&relabelled, &flats, &places, &sheets.rough, &core));
-    found.extend(cone_sites(&relabelled, &flats, &places, junctions.all(), &core));
-    found.extend(edge_sites(&relabelled, &flats, &sheets.rough, core));
+    found.extend(corner_sites(&relabelled, flats, &places, &sheets.rough, &core));
+    found.extend(cone_sites(&relabelled, flats, &places, junctions.all(), &core));
+    found.extend(edge_sites(&relabelled, flats, &sheets.rough, core));
     found
 }
 
@@ -142,7 +157,10 @@ pub fn models(view: &View<'_>, curves: &Sites, core: Range<usize>, beyond: usize
     // around it.
     let beyond = beyond + specks::MOST - 1;
     let slices = core.start.saturating_sub(2 + beyond)..(core.end + 3 + beyond).min(depth);
-    let patches = Patches::fit(&relabelled.view(view), slices.start / BLOCK..slices.end.div_ceil(BLOCK));
+    // And the blocks beside those.
+    let blocks =
+        (slices.start / BLOCK).saturating_sub(1)..(slices.end.div_ceil(BLOCK) + 1).min(depth.div_ceil(BLOCK));
+    let patches = Patches::fit(&relabelled.view(view), blocks);
     let Relabelled { mut labels, zone, .. } = relabelled;
     patches.relabel(&view.units, &mut labels, &zone, slices);
     Models { labels, zone, patches }

@@ -402,6 +402,9 @@ fn crossing(e: &Edge) -> DVec3 {
 /// Fits a block.
 fn block(view: &View<'_>, edges: &[Edge], block_z: usize, seen: &mut Vec<Seen>, out: &mut Layer) {
     let Some(first) = edges.first() else { return };
+    if view.execution.is_cancelled() {
+        return;
+    }
     let centre = edges.iter().map(crossing).sum::<DVec3>() / edges.len() as f64;
     let pair = first.pair;
     let direction: DVec3 =

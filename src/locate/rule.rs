@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
+use super::blend::{Blended, blended};
 use super::frame::BlurUnits;
 use super::passage::Passage;
 use super::patches::{OfBlock, Patches};
@@ -21,6 +22,10 @@ const BEYOND: f64 = 0.5;
 const FLATTEST: f64 = 1e-3;
 /// The interface may be so far from the place found, blur units: at the end of the search.
 const LEFT: f64 = 0.2;
+/// Where a blended distance rises less than this along an edge (blur units) the patch's own crossing stands; it moves by no more than the
+/// second, edge lengths.
+const STEEP: f64 = 0.15;
+const MOST_BLENDED: f64 = 0.3;
 /// So far before and behind a crossing (in edge lengths) its materials must be there.
 pub(super) const BESIDE: f64 = 0.03;
 
@@ -60,7 +65,8 @@ pub struct Found<'a> {
 #[derive(Debug, Clone, Copy)]
 enum By<'a> {
     Site(&'a Site, [MaterialId; 2]),
-    Patch(OfBlock<'a>),
+    /// And its standard deviation as a share of the patch's.
+    Patch(OfBlock<'a>, f64),
 }
 
 impl By<'_> {
@@ -68,7 +74,7 @@ impl By<'_> {
     fn sigma(&self, at: DVec3) -> Option<f64> {
         match self {
             Self::Site(site, pair) => site.sigma(*pair, at),
-            Self::Patch(patch) => patch.sigma(at),
+            Self::Patch(patch, share) => patch.sigma(at).map(|sigma| share * sigma),
         }
     }
 }
@@ -153,11 +159,16 @@ impl<'a> Located<'a> {
         let start = DVec3::from(voxel.map(|c| c as f64));
         let by = |patch: OfBlock<'a>| {
             let place = |t: f64| start + DVec3::AXES[axis] * t;
-            let (position, passage) = solve(|t| {
-                let passage = patch.passage(place(t))?;
-                Some(if rising { passage } else { passage.reversed() })
-            })?;
-            Some(Found { position, normal: passage.normal, by: By::Patch(patch), at: place(position) })
+            let turned = |passage: Passage| if rising { passage } else { passage.reversed() };
+            let (position, passage) = solve(|t| patch.passage(place(t)).map(turned))?;
+            // What others around say is near to that: one step along the edge.
+            let own = (&patch, turned(passage));
+            let Blended { passage, sigma } = blended(self.patches, self.units, pair, place(position), own);
+            let Passage { distance, normal } = turned(passage);
+            let slope = normal[axis] * self.units.per_voxel[axis];
+            let step = if slope > STEEP { -distance / slope } else { 0.0 };
+            let position = position + step.clamp(-MOST_BLENDED, MOST_BLENDED);
+            Some(Found { position, normal, by: By::Patch(patch, sigma), at: place(position) })
         };
         let of_block = |voxel: [usize; 3]| self.patches.of_block(self.units, voxel, pair);
         let ends = [voxel, next].map(of_block);

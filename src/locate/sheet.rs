@@ -16,7 +16,7 @@ use nalgebra::SVector;
 
 use super::batch::{BATCH, Batch, Batches, Rows, Sums, assemble, dot};
 use super::frame::basis;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::least_squares::{ENOUGH, Fit, Model, Normal, Problem, minimise};
 use super::normal::{bell, density, distribution};
 
 /// Parameters: height, two tilts, three curvatures, level behind, level ahead.
@@ -157,6 +157,7 @@ pub(super) fn fit_sheet(
         prior: [(0.0, f64::INFINITY); PARAMETERS],
         most: [0.7, 0.4, 0.4, 0.3, 0.3, 0.3, f64::INFINITY, f64::INFINITY],
         iterations: 3,
+        enough: ENOUGH,
     };
     for k in 3..6 {
         problem.prior[k] = (0.0, 0.5);

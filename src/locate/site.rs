@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::corner_site::CornerSite;
 use super::passage::Passage;
 use super::sites::CurveKind;
-use super::wedge::{EDGE, JUNCTION, WedgeFit};
+use super::wedge::{EDGE, JUNCTION, Section, WedgeFit};
 use crate::grid::MaterialId;
 
 /// The model of a site.
@@ -48,7 +48,7 @@ impl Site {
     #[must_use]
     pub fn around(&self, at: DVec3) -> [f64; 2] {
         with_model!(self, fit => {
-            let (r, z) = fit.wedge.section(at);
+            let Section { r, z } = fit.wedge.section(at);
             [r.length(), z]
         }, corner => [corner.nearest(at, None).map_or(f64::INFINITY, |n| n.distance), 0.0])
     }
@@ -71,7 +71,7 @@ impl Site {
     pub fn sigma(&self, pair: [MaterialId; 2], at: DVec3) -> Option<f64> {
         with_model!(
             self,
-            fit => nearest_sheet(fit, &self.materials, pair, at).map(|(i, _)| fit.sheet_sigma(i, at)),
+            fit => nearest_sheet(fit, &self.materials, pair, fit.wedge.section(at)).map(|(i, _)| fit.sheet_sigma(i, at)),
             corner => corner.sigma(pair, at)
         )
     }
@@ -146,7 +146,7 @@ impl Site {
     ) -> Option<(DVec3, f64)> {
         let at = (near - self.middle) * per_voxel;
         let (at, sigma) = with_model!(self, fit => {
-            let (_, z) = fit.wedge.section(at);
+            let z = fit.wedge.section(at).z;
             (z.abs() <= reach).then(|| (fit.wedge.point(z), fit.apex_sigma(z)[1]))
         }, corner => corner.nearest_point(kind, at))?;
         Some((self.middle + at / per_voxel, sigma))
@@ -174,10 +174,11 @@ fn on_sheet<const R: usize, const N: usize>(
         let found = [materials[(i + R - 1) % R], materials[*i]];
         found == [a, b] || found == [b, a]
     };
-    let (_, z) = wedge.section(at);
+    let section = wedge.section(at);
+    let z = section.z;
     let found = (0..R).filter(of_pair).map(|i| {
         let ray = wedge.rays(z)[i];
-        let (off, along, normal) = wedge.sheet(i, at);
+        let (off, along, normal) = wedge.sheet_of(i, section);
         // Behind the margin the nearest point is on it.
         let mut on = if along < margin { wedge.point(z) + ray * margin } else { at - normal * off };
         for _ in 0..3 {
@@ -196,8 +197,9 @@ fn passage<const R: usize, const N: usize>(
     pair: [MaterialId; 2],
     at: DVec3,
 ) -> Option<Passage> {
+    let at = fit.wedge.section(at);
     let (i, along) = nearest_sheet(fit, materials, pair, at)?;
-    let (distance, _, normal) = fit.wedge.sheet(i, at);
+    let (distance, _, normal) = fit.wedge.sheet_of(i, at);
     let passage = Passage { distance, normal };
     Some(if along { passage } else { passage.reversed() })
 }
@@ -207,7 +209,7 @@ fn nearest_sheet<const R: usize, const N: usize>(
     fit: &WedgeFit<R, N>,
     materials: &[MaterialId],
     [a, b]: [MaterialId; 2],
-    at: DVec3,
+    at: Section,
 ) -> Option<(usize, bool)> {
     let of_pair = |i: usize| {
         let (before, after) = (materials[(i + R - 1) % R], materials[i]);
@@ -219,7 +221,7 @@ fn nearest_sheet<const R: usize, const N: usize>(
     let Some(second) = own.next() else { return Some(first) };
     // Both sheets of an edge.
     let away = |(i, _): (usize, bool)| {
-        let (distance, c, _) = fit.wedge.sheet(i, at);
+        let (distance, c, _) = fit.wedge.sheet_of(i, at);
         distance.hypot(c.min(0.0))
     };
     Some(if away(second) < away(first) { second } else { first })

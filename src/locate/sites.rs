@@ -5,12 +5,12 @@
 //! along its curves where no fit of theirs does. All is decided by place alone, so any part of the volume gives the
 //! same answer.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::by_box::ByBox;
 use super::frame::BlurUnits;
 use super::site::{Model, Site};
 use crate::classify::{BitPlanes, LabelVolume, WORD};
@@ -170,25 +170,19 @@ fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
         let order = key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y)).find(|o| o.is_ne());
         order.unwrap_or(std::cmp::Ordering::Equal)
     });
-    // Corners by boxes that are wider than what is looked for around.
-    let side = units.voxel(DVec3::splat(SPOILT)).max_element();
-    let key = |at: DVec3| (at / side).floor().as_ivec3().to_array();
-    let mut boxes: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-    let near = |boxes: &BTreeMap<[i32; 3], Vec<DVec3>>, at: DVec3, reach: f64| {
-        let [x, y, z] = key(at);
-        (0..27).any(|i| {
-            let found = boxes.get(&[x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]);
-            found.is_some_and(|all| all.iter().any(|c| units.of(*c - at).length() < reach))
-        })
+    // By boxes that are wider than what is looked for around.
+    let mut places = ByBox::new(units.voxel(DVec3::splat(SPOILT)).max_element());
+    let near = |places: &ByBox<(), DVec3>, at: DVec3, reach: f64| {
+        places.near((), at).any(|other| units.of(other - at).length() < reach)
     };
     let mut kept = Vec::new();
     for (_, site) in corners {
-        if !near(&boxes, site.at, SAME) {
-            boxes.entry(key(site.at)).or_default().push(site.at);
+        if !near(&places, site.at, SAME) {
+            places.insert((), site.at, site.at);
             kept.push(site);
         }
     }
-    out.retain(|site| !near(&boxes, site.at, SPOILT));
+    out.retain(|site| !near(&places, site.at, SPOILT));
     out.append(&mut kept);
     out
 }

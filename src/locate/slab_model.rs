@@ -18,7 +18,7 @@ use nalgebra::{SMatrix, SVector};
 use super::batch::{BATCH, Batch, Batches, Rows, Sums, assemble, dot};
 use super::frame::basis;
 use super::gauss::TABLES;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::least_squares::{ENOUGH, Fit, Model, Normal, Problem, minimise};
 use super::normal::{bell, density, distribution};
 use super::sheet::{LevelPrior, Reading, Sample, Sheet};
 
@@ -177,6 +177,7 @@ pub(super) fn fit_blurred_slab(
         prior: [(0.0, f64::INFINITY); PARAMETERS],
         most: [0.7, 0.4, 0.4, 0.3, 0.3, 0.3, 0.5, 0.2, 0.2, f64::INFINITY, f64::INFINITY, f64::INFINITY, 0.1],
         iterations: 5,
+        enough: ENOUGH,
     };
     problem.active[BLUR] = blur.1 > 0.0;
     problem.prior[BLUR] = blur;

@@ -145,8 +145,8 @@ fn around([x, y, z]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
 }
 
-/// The voxels (ascending) that hang together with `from` and have its label, if they are all held and within `far` of
-/// `middle` along each axis.
+/// The voxels (ascending) that hang together with `from` and have its label, if they are all held and within `far` (at most [`WAS`])
+/// of `middle` along each axis.
 fn part_within(
     labels: &LabelVolume,
     from: [usize; 3],
@@ -156,7 +156,7 @@ fn part_within(
     let side = 2 * far + 1;
     let held = labels.codes().slices();
     let own = labels.at(from);
-    let mut seen = vec![0u64; (side * side * side).div_ceil(64)];
+    let mut seen = [0u64; (2 * WAS + 1).pow(3).div_ceil(64)];
     let mut mark = |v: &[usize; 3]| -> Option<bool> {
         let [x, y, z]: [usize; 3] = std::array::from_fn(|a| (v[a] + far).wrapping_sub(middle[a]));
         if x.max(y).max(z) >= side {
@@ -168,8 +168,9 @@ fn part_within(
         Some(is_new)
     };
     mark(&from)?;
-    let mut part = vec![from];
-    let mut open = vec![from];
+    let (mut part, mut open) = (Vec::with_capacity(64), Vec::with_capacity(64));
+    part.push(from);
+    open.push(from);
     // Depth first: what is large is soon left.
     while let Some(voxel) = open.pop() {
         for at in neighbours(voxel) {
@@ -211,12 +212,13 @@ fn commonest(mut all: Vec<MaterialId>) -> Option<MaterialId> {
 
 /// The speck that a voxel (padded) is of, and what it is to become; `None` if it is of none.
 fn speck(labels: &LabelVolume, voxel: [usize; 3]) -> Option<Part> {
+    // Asked for every voxel of a border: nothing is allocated for those that are of no speck.
     let held = labels.codes().slices();
     let own = labels.at(voxel);
-    let mut part = vec![voxel];
-    let mut around: Vec<MaterialId> = Vec::new();
-    let mut next = 0;
-    while next < part.len() {
+    let mut part = [voxel; MOST];
+    let mut around = [MaterialId::OUTSIDE; 6 * MOST];
+    let (mut count, mut beside, mut next) = (1, 0, 0);
+    while next < count {
         for at in neighbours(part[next]) {
             if !held.contains(&at[2]) {
                 // It may go on there.
@@ -224,17 +226,16 @@ fn speck(labels: &LabelVolume, voxel: [usize; 3]) -> Option<Part> {
             }
             let label = labels.at(at);
             if label != own {
-                around.push(label);
-            } else if !part.contains(&at) {
-                part.push(at);
-                if part.len() > MOST {
-                    return None;
-                }
+                around[beside] = label;
+                beside += 1;
+            } else if !part[..count].contains(&at) {
+                *part.get_mut(count)? = at;
+                count += 1;
             }
         }
         next += 1;
     }
-    commonest(around).map(|material| (part, material))
+    commonest(around[..beside].to_vec()).map(|material| (part[..count].to_vec(), material))
 }
 
 #[cfg(test)]

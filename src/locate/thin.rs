@@ -113,6 +113,7 @@ pub fn find_thin(view: &View<'_>, core: Range<usize>) -> Vec<Relabelled> {
     let seeds: Vec<Seed> = layers.into_par_iter().flat_map_iter(|b| seeds(view, &finder, b)).collect();
     let mut claims: Vec<Claim> = seeds
         .par_iter()
+        .filter(|_| !view.execution.is_cancelled())
         .flat_map_iter(|seed| understand(view, seed).map(|thin| claims(view, seed, &thin, &wider)))
         .flatten_iter()
         .collect();

@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use super::frame::BlurUnits;
 use super::sheet::{LevelPrior, Reading, Sample};
-use crate::classify::{BitPlanes, LabelVolume};
+use crate::classify::{BitPlanes, LabelVolume, WORD};
+use crate::execution::Execution;
 use crate::grid::MaterialId;
 use crate::material::{Levels, Misfit};
 use crate::volume::Greys;
@@ -63,8 +64,9 @@ impl Scan {
         slab: &'a dyn Greys,
         labels: &'a LabelVolume,
         uncertain: &'a BitPlanes,
+        execution: &'a Execution,
     ) -> View<'a> {
-        View { scan: self, slab, labels, uncertain, units: self.units }
+        View { scan: self, slab, labels, uncertain, units: self.units, execution }
     }
 }
 
@@ -84,6 +86,8 @@ pub struct View<'a> {
     pub scan: &'a Scan,
     /// The scan's blur.
     pub units: BlurUnits,
+    /// Once it is cancelled nothing more is fitted; what is found then is not to be used.
+    pub execution: &'a Execution,
 }
 
 /// A voxel seen from a fit.
@@ -95,6 +99,11 @@ pub struct Seen {
     pub uncertain: bool,
     /// Place in blur units from the middle of the ball; grey value without the drift of its material's level.
     pub sample: Sample,
+}
+
+/// About how many voxels an ellipsoid with these half axes has, rather more.
+fn ball_voxels(r: DVec3) -> usize {
+    ((r + 0.5).element_product() * (4.0 / 3.0 * std::f64::consts::PI)) as usize
 }
 
 impl View<'_> {
@@ -121,6 +130,8 @@ impl View<'_> {
         let end: [usize; 3] =
             std::array::from_fn(|a| ((centre[a] + r[a]).floor() + 1.0).clamp(0.0, size[a] as f64) as usize);
         let drift = self.drift(centre);
+        let mut greys = [0.0; WORD];
+        out.reserve(ball_voxels(r));
         for z in low[2].max(slices.start)..end[2].min(slices.end) {
             for y in low[1]..end[1] {
                 let flat = DVec3::new(0.0, y as f64 - centre.y, z as f64 - centre.z) * self.units.per_voxel;
@@ -128,19 +139,25 @@ impl View<'_> {
                 if half < 0.0 {
                     continue;
                 }
-                for x in low[0]..end[0] {
-                    let at = flat + DVec3::X * ((x as f64 - centre.x) * self.units.per_voxel.x);
-                    if at.x * at.x > half {
-                        continue;
+                let place = |x: usize| flat + DVec3::X * ((x as f64 - centre.x) * self.units.per_voxel.x);
+                let is_within = |x: &usize| place(*x).x.powi(2) <= half;
+                let Some(first) = (low[0]..end[0]).find(is_within) else { continue };
+                let run = first..(first..end[0]).find(|x| !is_within(x)).unwrap_or(end[0]);
+                for from in run.clone().step_by(WORD) {
+                    let count = (run.end - from).min(WORD);
+                    self.slab.greys([from, y, z], &mut greys[..count]);
+                    let labels = self.labels.word_from([from + 1, y + 1, z + 1]);
+                    let uncertain = self.uncertain.bits_from(0, from + 1, y + 1, z + 1);
+                    for (k, grey) in greys[..count].iter().enumerate() {
+                        let (at, label) = (place(from + k), labels.at(k));
+                        let slope = drift.get(usize::from(label.0)).copied().unwrap_or(DVec3::ZERO);
+                        let grey = f64::from(*grey) - slope.dot(at);
+                        out.push(Seen {
+                            label,
+                            uncertain: uncertain >> k & 1 == 1,
+                            sample: Sample { at, grey },
+                        });
                     }
-                    let label = self.label([x, y, z]);
-                    let slope = drift.get(usize::from(label.0)).copied().unwrap_or(DVec3::ZERO);
-                    let grey = f64::from(self.slab.grey([x, y, z])) - slope.dot(at);
-                    out.push(Seen {
-                        label,
-                        uncertain: self.is_uncertain([x, y, z]),
-                        sample: Sample { at, grey },
-                    });
                 }
             }
         }

@@ -21,7 +21,7 @@ use nalgebra::SVector;
 
 use super::batch::{Batches, assemble};
 use super::frame::basis;
-use super::least_squares::{Fit, Model, Normal, Problem, minimise};
+use super::least_squares::{ENOUGH, ENOUGH_TO_START, Fit, Model, Normal, Problem, minimise};
 use super::sheet::{LevelPrior, Reading, Sample};
 use super::view::Seen;
 use super::wedge_rows::{Curve, Known};
@@ -148,6 +148,15 @@ impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
 /// Sectors narrower than this are not looked for: the sheets beside them merge within the blur.
 const NARROWEST: f64 = 0.12;
 
+/// A point as a wedge sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct Section {
+    /// The point from the curve, in the plane normal to it.
+    pub r: DVec2,
+    /// Where on the curve that is.
+    pub z: f64,
+}
+
 /// How far a fit goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
@@ -209,6 +218,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
             prior: [(0.0, f64::INFINITY); N],
             most: [0.8; N],
             iterations: if stage == Stage::Rough { 12 } else { 10 },
+            enough: if stage == Stage::Curved { ENOUGH } else { ENOUGH_TO_START },
         };
         for i in 0..4 + R {
             problem.active[i] = true;
@@ -297,7 +307,8 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     pub fn is_narrow_at(&self, at: DVec3, beside: f64) -> bool {
         let angles = self.angles();
         let i = (1..R).fold(0, |m, i| if angles[i] < angles[m] { i } else { m });
-        let ((after, c, _), (before, d, _)) = (self.sheet(i, at), self.sheet((i + 1) % R, at));
+        let at = self.section(at);
+        let ((after, c, _), (before, d, _)) = (self.sheet_of(i, at), self.sheet_of((i + 1) % R, at));
         c.max(d) > 0.0 && after > -beside && before < beside
     }
 
@@ -342,51 +353,60 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         out
     }
 
-    /// The section that a point lies in: the point seen from the curve in the plane normal to it, and z there.
+    /// The section that a point lies in.
     #[must_use]
-    pub fn section(&self, at: DVec3) -> (DVec2, f64) {
+    pub fn section(&self, at: DVec3) -> Section {
         let q = self.axes.transpose() * (at - self.origin);
         let [z, x, y] = Curve::new::<R, N>(&self.x).section_of(q);
-        (DVec2::new(x, y), z)
+        Section { r: DVec2::new(x, y), z }
     }
 
     /// The sector in which a point lies.
     #[must_use]
     pub fn sector(&self, at: DVec3) -> usize {
-        let (r, z) = self.section(at);
+        self.sector_of(self.section(at))
+    }
+
+    fn sector_of(&self, Section { r, z }: Section) -> usize {
         let (rho, angle) = (r.length(), r.to_angle());
         // Distance counter-clockwise from each ray, turned by its curvature over this distance.
         let past = |i: usize| {
             let turned = (0.5 * self.x[Places::<R>::K + i] * rho).clamp(-0.7, 0.7);
             let theta = self.x[Places::<R>::THETA + i] + z * self.x[Places::<R>::TWIST + i];
-            (angle - theta - turned).rem_euclid(TAU)
+            let turns = (angle - theta - turned) / TAU;
+            turns - turns.floor()
         };
-        (0..R).fold((0, f64::INFINITY), |m, i| if past(i) < m.1 { (i, past(i)) } else { m }).0
+        let all: [f64; R] = std::array::from_fn(past);
+        (1..R).fold(0, |m, i| if all[i] < all[m] { i } else { m })
     }
 
     /// Whether a label at a place is another than the wedge says (`materials` of its sectors), though none of its sheets is near:
     /// another sheet is.
     #[must_use]
-    pub(super) fn is_contradicted(&self, materials: &[MaterialId; R], label: MaterialId, at: DVec3) -> bool {
-        if materials[self.sector(at)] == label {
-            return false;
-        }
-        !materials.contains(&label)
-            || (0..R).all(|i| {
-                let (distance, along, _) = self.sheet(i, at);
-                distance.hypot(along.min(0.0)) > WRONG
-            })
+    pub(super) fn is_contradicted(
+        &self,
+        materials: &[MaterialId; R],
+        label: MaterialId,
+        at: Section,
+    ) -> bool {
+        materials[self.sector_of(at)] != label
+            && (!materials.contains(&label)
+                || (0..R).all(|i| {
+                    let (distance, along, _) = self.sheet_of(i, at);
+                    distance.hypot(along.min(0.0)) > WRONG
+                }))
     }
 
-    /// Those of some voxels, seen and as samples in the wedge's space, that are of other sheets, and how far their blur reaches.
+    /// Those of some voxels, seen, as samples in the wedge's space and with their sections, that are of other sheets: where they
+    /// are, and how far their blur reaches.
     pub(super) fn others<'a>(
         &self,
         materials: &[MaterialId; R],
-        voxels: impl Iterator<Item = (&'a Seen, &'a Sample)>,
+        voxels: impl Iterator<Item = ((&'a Seen, &'a Sample), &'a Section)>,
     ) -> Vec<(DVec3, f64)> {
         voxels
-            .filter(|(seen, sample)| self.is_contradicted(materials, seen.label, sample.at))
-            .map(|(seen, sample)| (sample.at, BLURRED[usize::from(!materials.contains(&seen.label))]))
+            .filter(|((seen, _), section)| self.is_contradicted(materials, seen.label, **section))
+            .map(|((seen, sample), _)| (sample.at, BLURRED[usize::from(!materials.contains(&seen.label))]))
             .collect()
     }
 
@@ -394,7 +414,11 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     /// the apex), its place along the ray, and the sheet's unit normal there (towards sector i).
     #[must_use]
     pub fn sheet(&self, i: usize, at: DVec3) -> (f64, f64, DVec3) {
-        let (r, z) = self.section(at);
+        self.sheet_of(i, self.section(at))
+    }
+
+    /// The same of a point in this section.
+    pub(super) fn sheet_of(&self, i: usize, Section { r, z }: Section) -> (f64, f64, DVec3) {
         let u = self.ray(i, z);
         let k = self.x[Places::<R>::K + i];
         let (c, d) = (u.dot(r), u.perp_dot(r));
@@ -422,7 +446,7 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
     /// Standard deviation of the position of sheet `i` along its normal near a point, for white noise.
     #[must_use]
     pub fn sheet_sigma(&self, i: usize, at: DVec3) -> f64 {
-        let (r, z) = self.wedge.section(at);
+        let Section { r, z } = self.wedge.section(at);
         let u = self.wedge.ray(i, z);
         let c = u.dot(r).max(0.0);
         let g = SVector::from(sheet_slopes::<R, N>(i, u, c, z, 1.0));

@@ -131,7 +131,7 @@ fn fits<const R: usize, const N: usize>(theta: [f64; R], greys: [f64; R], noise:
         let fit = rough.fit(&samples, &[], &prior, Stage::Planar).unwrap();
         for z in [-2.0, 0.0, 2.0] {
             let at = truth.in_space(DVec2::ZERO, z);
-            curve.push(fit.wedge.section(at).0.length());
+            curve.push(fit.wedge.section(at).r.length());
             for (i, t) in theta.iter().enumerate() {
                 let at = truth.in_space(DVec2::from_angle(*t) * 2.0, z);
                 pulls.push(fit.wedge.sheet(i, at).0 / fit.sheet_sigma(i, at));

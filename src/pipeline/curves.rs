@@ -7,8 +7,8 @@ use crate::classify::{BitPlanes, LabelStore, LabelVolume};
 use crate::execution::Execution;
 use crate::grid::{Geometry, MaterialId};
 use crate::locate::{
-    BlurUnits, MOST_HALO, Places, Scan, Sheets, Sites, View, find_curves, find_flat_cores, find_junctions,
-    find_sheets, find_thin, flat_reach, halo, thin_reach,
+    BlurUnits, MOST_HALO, Places, Scan, SheetIndex, Sheets, Sites, View, find_curves, find_flat_cores,
+    find_junctions, find_sheets, find_thin, flat_reach, halo, thin_reach,
 };
 use crate::material::{
     Blur, DEFAULT_RADIUS, Levels, Material, MaterialTable, Misfit, Noise, RADIUS_PER_SIGMA,
@@ -85,11 +85,13 @@ fn look<S: Sample>(
     store: &mut LabelStore,
     scan: &Scan,
     [slices, halo]: [usize; 2],
+    execution: &Execution,
     mut visit: impl FnMut(&View<'_>, Range<usize>) -> Result<(), PipelineError> + Send,
 ) -> Result<(), PipelineError> {
     window.sweep(slices, halo, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
-        visit(&scan.view(&slab, &labels, &uncertain), core)
+        visit(&scan.view(&slab, &labels, &uncertain, execution), core)?;
+        Ok(execution.check()?)
     })
 }
 
@@ -100,13 +102,14 @@ fn refined<S: Sample>(
     store: &mut LabelStore,
     scan: &Scan,
     slices: usize,
+    execution: &Execution,
 ) -> Result<Option<Scan>, PipelineError> {
     let mut scan = scan.clone();
     let all = (0..scan.noise.len()).map(|m| MaterialId(m as u8));
     let thin: Vec<MaterialId> = all.filter(|m| scan.levels.drift(*m).is_none()).collect();
     for material in thin {
         let mut places = Places::new(material);
-        look(window, store, &scan, [slices, halo(scan.units)], |view, core| {
+        look(window, store, &scan, [slices, halo(scan.units)], execution, |view, core| {
             places.add(view, core);
             Ok(())
         })?;
@@ -127,22 +130,22 @@ pub(super) fn locate<S: Sample>(
     slices: usize,
     execution: &Execution,
 ) -> Result<Option<(Scan, Sites)>, PipelineError> {
-    let Some(scan) = refined(window, store, scan, slices)? else { return Ok(None) };
+    let Some(scan) = refined(window, store, scan, slices, execution)? else { return Ok(None) };
     let depth = window.size()[2] as u64;
     let stage = execution.stage(STAGE.0, PASSES * depth);
     let done = |core: Range<usize>| -> Result<(), PipelineError> {
         stage.advance(core.len() as u64);
-        Ok(execution.check()?)
+        Ok(())
     };
     let mut flat = Vec::new();
-    look(window, store, &scan, [slices, flat_reach(scan.units)], |view, core| {
+    look(window, store, &scan, [slices, flat_reach(scan.units)], execution, |view, core| {
         flat.append(&mut find_flat_cores(view, core.clone()));
         done(core)
     })?;
     store.relabel(flat.iter().map(|f| (f.voxel, f.material)))?;
     if thin_reach(scan.units) <= MOST_HALO {
         let mut thin = Vec::new();
-        look(window, store, &scan, [slices, thin_reach(scan.units)], |view, core| {
+        look(window, store, &scan, [slices, thin_reach(scan.units)], execution, |view, core| {
             thin.append(&mut find_thin(view, core.clone()));
             done(core)
         })?;
@@ -150,18 +153,19 @@ pub(super) fn locate<S: Sample>(
     }
     let far = [slices, halo(scan.units)];
     let mut junctions = Vec::new();
-    look(window, store, &scan, far, |view, core| {
+    look(window, store, &scan, far, execution, |view, core| {
         junctions.append(&mut find_junctions(view, core.clone()));
         done(core)
     })?;
     let junctions = Sites::new(scan.units, junctions);
     let mut sheets = Sheets::default();
-    look(window, store, &scan, far, |view, core| {
+    look(window, store, &scan, far, execution, |view, core| {
         sheets.append(find_sheets(view, &junctions, core.clone()));
         done(core)
     })?;
+    let sheets = SheetIndex::from(sheets);
     let mut curves = Vec::new();
-    look(window, store, &scan, far, |view, core| {
+    look(window, store, &scan, far, execution, |view, core| {
         curves.append(&mut find_curves(view, &junctions, &sheets, core.clone()));
         done(core)
     })?;

@@ -14,7 +14,7 @@ use crate::contour::{
 };
 use crate::execution::{CostLog, Execution, Stage};
 use crate::grid::Geometry;
-use crate::locate::{self, Located, LocatedHermite, Scan, Sites, models};
+use crate::locate::{self, Located, LocatedHermite, Scan, Sites, View, models};
 use crate::material::MaterialTable;
 use crate::mesh::{InterfaceMesh, MeshMaterial, MeshPiece};
 use crate::volume::{Sample, SampleWindow};
@@ -122,8 +122,8 @@ impl Surface<'_> {
         window.sweep(self.slices, locate::halo(scan.units) + 1 + Surroundings::BEYOND, |slab, core| {
             let layers = layers_of(&(core.start + 1..core.end + 1));
             let (labels, junction) = curves::part(store, slab)?;
-            let view = scan.view(&slab, &labels, &junction);
-            let models = models(&view, sites, core.clone(), Surroundings::BEYOND);
+            let view = scan.view(&slab, &labels, &junction, self.execution);
+            let models = whole(&view, sites, core.clone(), Surroundings::BEYOND)?;
             let otherwise = Thresholds::new(slab, &junction, materials);
             let rule = located(&otherwise, scan, sites, &models, None);
             around.append(surroundings(&models.labels, &rule, self.border, layers, self.execution)?);
@@ -157,9 +157,9 @@ impl Surface<'_> {
                 Crossings::Thresholds { store, materials, .. } if let Some(curves) = &mut curves => {
                     let (labels, junction) = curves::part(store, slab)?;
                     let Curves { scan, sites, known } = curves;
-                    let models = known.models.take().unwrap_or_else(|| {
-                        models(&scan.view(&slab, &labels, &junction), sites, core.clone(), 0)
-                    });
+                    let view = scan.view(&slab, &labels, &junction, self.execution);
+                    let again = || whole(&view, sites, core.clone(), 0);
+                    let models = known.models.take().map_or_else(again, Ok)?;
                     let otherwise = Thresholds::new(slab, &junction, materials);
                     let rule = located(&otherwise, scan, sites, &models, Some(&known.moves));
                     out.march(&models.labels, &rule, layers)
@@ -207,7 +207,8 @@ impl Surface<'_> {
             match &mut crossings {
                 Crossings::Thresholds { store, materials, .. } if let Some((scan, sites)) = curves => {
                     let (labels, junction) = curves::part(store, slab)?;
-                    let models = models(&scan.view(&slab, &labels, &junction), sites, core.clone(), HALO);
+                    let view = scan.view(&slab, &labels, &junction, self.execution);
+                    let models = whole(&view, sites, core.clone(), HALO)?;
                     let otherwise = Thresholds::new(slab, &junction, materials);
                     let rule = located(&otherwise, scan, sites, &models, None);
                     let labels = &models.labels;
@@ -264,6 +265,18 @@ fn located<'a>(
 ) -> Located<'a> {
     let locate::Models { labels, zone, patches } = models;
     Located { otherwise, labels, zone, sites, patches, units: scan.units, inflation: scan.inflation, moves }
+}
+
+/// The models of some slices ([`models`]), unless it was asked to stop while they were fitted.
+fn whole(
+    view: &View<'_>,
+    sites: &Sites,
+    core: Range<usize>,
+    beyond: usize,
+) -> Result<locate::Models, PipelineError> {
+    let models = models(view, sites, core, beyond);
+    view.execution.check()?;
+    Ok(models)
 }
 
 /// What is known of the whole volume when it is marched.

@@ -18,6 +18,12 @@ pub trait Greys: Sync {
     /// # Panics
     /// If slice z is not here.
     fn grey(&self, voxel: [usize; 3]) -> f32;
+
+    /// The grey values of as many voxels as there is room for, from this one on along x.
+    ///
+    /// # Panics
+    /// If they are not here, or not of one row.
+    fn greys(&self, from: [usize; 3], out: &mut [f32]);
 }
 
 impl<S: Sample> Greys for Slab<'_, S> {
@@ -31,6 +37,11 @@ impl<S: Sample> Greys for Slab<'_, S> {
 
     fn grey(&self, voxel: [usize; 3]) -> f32 {
         Slab::grey(self, voxel)
+    }
+
+    fn greys(&self, [x, y, z]: [usize; 3], out: &mut [f32]) {
+        let row = &self.row(y, z)[x..x + out.len()];
+        out.iter_mut().zip(row).for_each(|(out, sample)| *out = sample.to_f32());
     }
 }
 

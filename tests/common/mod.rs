@@ -45,13 +45,16 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     out
 }
 
-/// Extracts `input` with the options `more` and, in turn, each of `ways`: all must give the same files, byte
-/// for byte.
+/// Extracts `input` with the options `more` (as published, unless they say another accuracy) and, in turn, each of `ways`: all
+/// must give the same files, byte for byte.
 pub(crate) fn assert_same(input: &str, more: &[&str], ways: &[&[&str]]) {
     let folder = tempfile::tempdir().unwrap();
     let run = |way: &&[&str]| {
         let out = folder.path().join("result");
         let mut arguments = vec!["extract", input, "--out", out.to_str().unwrap()];
+        if !more.contains(&"--accuracy") {
+            arguments.extend(["--accuracy", "paper"]);
+        }
         arguments.extend(more.iter().chain(*way));
         program(&arguments);
         contents(&out)

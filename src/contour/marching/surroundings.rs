@@ -1,20 +1,22 @@
 //! The part of the surface around vertices that are wished elsewhere, with names that hold for the whole volume.
 //!
 //! Only cells for which the rule speaks are looked at. What is kept follows the curves, not the surface: the wishes, and the
-//! triangles of all cells within [`AROUND`] of a cell with such a vertex. No other triangle can meet one that moves: a
-//! vertex moves by less than one along each axis, so its triangles stay within one cell of theirs.
+//! triangles of the cells around such a vertex and of all cells beside those. No other triangle can meet one that moves: a
+//! vertex moves by less than one along each axis, so its triangles stay within one cell of theirs, and do not reach that one's
+//! far side. Others that move are around a vertex of their own.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
+use foldhash::fast::FixedState;
 use rayon::prelude::*;
 
 use super::cell::{Cell, pair_of};
 use super::fill::place;
 use super::kinks::{KINK, TIP, kink_of};
 use super::{runs, walk};
-use crate::classify::LabelVolume;
+use crate::classify::{BitPlanes, LabelVolume, WORD, set_bits};
 use crate::contour::crossing::{CrossingRule, Node};
 use crate::contour::error::ContourError;
 use crate::contour::moves::{Wish, Wishes};
@@ -25,8 +27,8 @@ use crate::execution::Execution;
 use crate::grid::MaterialId;
 use crate::grid::cube::{CORNERS, EDGES, FACES, edge_axis, edge_corners, face_ring};
 
-/// Cells on each side.
-const AROUND: usize = 2;
+/// Cells on each side of one that has a vertex.
+const BESIDE: usize = 1;
 /// Wishes for less than this (lattice units) are not worth a move.
 const LEAST: f32 = 0.02;
 
@@ -43,7 +45,7 @@ pub struct Surroundings {
 
 impl Surroundings {
     /// Layers beyond its own that [`surroundings`] looks at on each side.
-    pub const BEYOND: usize = AROUND;
+    pub const BEYOND: usize = BESIDE + 1;
 
     /// Adds those of the next layers.
     pub fn append(&mut self, mut next: Self) {
@@ -65,60 +67,73 @@ pub fn surroundings<W: Wishes>(
     execution: &Execution,
 ) -> Result<Surroundings, ContourError> {
     let all = labels.codes().padded()[2] - 1;
-    let seen = layers.start.saturating_sub(AROUND)..(layers.end + AROUND).min(all);
+    let seen =
+        layers.start.saturating_sub(Surroundings::BEYOND)..(layers.end + Surroundings::BEYOND).min(all);
     let stage = execution.stage("looking around curves", seen.len() as u64);
     let gatherer = Gatherer { labels, rule, border, table: PatternTable::get() };
     let found = runs(seen).into_par_iter().map(|run| {
-        let mut found = Found::default();
+        let mut asked = Asked::default();
         walk(labels, rule, border, run, execution, &stage, |layer| {
             layer.visit(labels, rule, gatherer.table, |[x, y], _, entry| {
                 let low = [x, y, layer.z()];
                 let kinked = layer.kinks(x, y);
                 let two = gatherer.table.packed().entry(entry).two_materials;
                 if (kinked != 0 || !two) && rule.speaks(low) {
-                    gatherer.wish(&mut found, low, entry, kinked);
+                    gatherer.wish(&mut asked, low, entry, kinked);
                 }
             });
         })?;
-        Ok(found)
+        Ok(asked)
     });
-    let found: Vec<Found> = found.collect::<Result<_, ContourError>>()?;
-    let mut near: Vec<[usize; 3]> = Vec::new();
-    let cells = labels.codes().padded().map(|n| n - 1);
-    for cell in found.iter().flat_map(|f| &f.cells) {
-        let range = |a: usize| cell[a].saturating_sub(AROUND)..(cell[a] + AROUND + 1).min(cells[a]);
-        let z = range(2).filter(|z| layers.contains(z));
-        near.extend(z.flat_map(|z| range(1).flat_map(move |y| range(0).map(move |x| [z, y, x]))));
-    }
-    near.par_sort_unstable();
-    near.dedup();
+    let found: Vec<Asked> = found.collect::<Result<_, ContourError>>()?;
+    let wishes = || found.iter().flat_map(|asked| asked.values().flatten());
+    let near = cells_near(labels, wishes().filter(|wish| wish.is_near()), layers.clone());
     let parts: Vec<Surroundings> = near
         .par_chunks(1 << 10)
         .map(|cells| {
             let remembered = Remembered::new(rule);
             let gatherer = Gatherer { labels, rule: &remembered, border, table: gatherer.table };
             let mut out = Surroundings::default();
-            cells.iter().for_each(|&[z, y, x]| gatherer.gather(&mut out, [x, y, z]));
+            cells.iter().for_each(|&low| gatherer.gather(&mut out, low));
             out
         })
         .collect();
     let mut out = Surroundings::default();
     parts.into_iter().for_each(|part| out.append(part));
-    let wishes = found.into_iter().flat_map(|f| f.wishes.into_values().flatten());
-    out.wishes = wishes.filter(|wish| layers.contains(&wish.key.low()[2])).collect();
+    out.wishes = wishes().filter(|wish| layers.contains(&wish.key.low()[2])).copied().collect();
     out.wishes.sort_unstable_by_key(|wish| wish.key);
     out.wishes.dedup_by_key(|wish| wish.key);
     Ok(out)
 }
 
-/// What a look at cells finds.
-#[derive(Default)]
-struct Found {
-    /// What was asked for, and the wishes.
-    wishes: BTreeMap<SeamKey, Option<Wish>>,
-    /// Cells with a vertex that is wished elsewhere.
-    cells: Vec<[usize; 3]>,
+/// The cells of `layers` around the vertices of these wishes and [`BESIDE`] those, in the order of z, y, x.
+fn cells_near<'a>(
+    labels: &LabelVolume,
+    wishes: impl Iterator<Item = &'a Wish>,
+    layers: Range<usize>,
+) -> Vec<[usize; 3]> {
+    // A cell by its lowest corner: the last points of rows have none.
+    let ends = labels.codes().padded().map(|n| n - 1);
+    let mut marked = BitPlanes::window(labels.size(), 1, layers.clone());
+    for wish in wishes {
+        let (low, below) = (wish.key.low(), wish.key.below());
+        let range = |a: usize| low[a].saturating_sub(below[a] + BESIDE)..(low[a] + BESIDE + 1).min(ends[a]);
+        for z in range(2).filter(|z| layers.contains(z)) {
+            for y in range(1) {
+                let row = marked.row_mut(0, y, z);
+                range(0).for_each(|x| row[x / WORD] |= 1 << (x % WORD));
+            }
+        }
+    }
+    let row = |[y, z]: [usize; 2]| {
+        let words = marked.row(0, y, z).iter().enumerate();
+        words.flat_map(move |(w, word)| set_bits(*word).map(move |bit| [w * WORD + bit, y, z]))
+    };
+    layers.into_par_iter().flat_map_iter(|z| (0..ends[1]).map(move |y| [y, z]).flat_map(row)).collect()
 }
+
+/// What was asked for in a look at cells, and the wishes.
+type Asked = HashMap<SeamKey, Option<Wish>, FixedState>;
 
 struct Gatherer<'a, W> {
     labels: &'a LabelVolume,
@@ -136,7 +151,7 @@ struct Remembered<'a, W> {
 }
 
 /// By lowest point and axis.
-type ByPlace<T> = HashMap<([usize; 3], usize), T>;
+type ByPlace<T> = HashMap<([usize; 3], usize), T, FixedState>;
 
 impl<'a, W: CrossingRule> Remembered<'a, W> {
     fn new(rule: &'a W) -> Self {
@@ -178,25 +193,22 @@ impl<W: CrossingRule> CrossingRule for Remembered<'_, W> {
 
 impl<W: Wishes> Gatherer<'_, W> {
     /// Asks what is wished for a cell's vertices.
-    fn wish(&self, found: &mut Found, low: [usize; 3], entry: usize, kinked: u8) {
+    fn wish(&self, asked: &mut Asked, low: [usize; 3], entry: usize, kinked: u8) {
         let cell = Cell::at(self.labels, low);
         if cell.labels.contains(&MaterialId::OUTSIDE) {
             return;
         }
         let summary = self.table.packed().entry(entry);
-        let mut any = false;
         let mut ask =
             |key: SeamKey, safe: &dyn Fn() -> [f32; 3], wished: &dyn Fn([f32; 3]) -> Option<Node>| {
-                let wish = *found.wishes.entry(key).or_insert_with(|| {
+                let wish = *asked.entry(key).or_insert_with(|| {
                     let safe = safe();
                     let node = wished(safe)?;
                     let off = |a: usize| (node.at[a] - safe[a]).abs();
                     let farthest = (0..3).map(off).fold(0.0, f32::max);
                     (farthest > LEAST).then_some(Wish { key, safe, at: node.at, sigma: node.sigma })
                 });
-                let wish = wish.filter(Wish::is_near);
-                any |= wish.is_some();
-                wish.map(|wish| wish.at)
+                wish.filter(Wish::is_near).map(|wish| wish.most())
             };
         if !summary.two_materials {
             for e in (0..EDGES).filter(|e| summary.crossings >> e & 1 == 1) {
@@ -254,9 +266,6 @@ impl<W: Wishes> Gatherer<'_, W> {
                 };
                 at[i] = wished.unwrap_or(own);
             }
-        }
-        if any {
-            found.cells.push(low);
         }
     }
 }
