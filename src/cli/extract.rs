@@ -110,9 +110,9 @@ pub(crate) struct Args {
     /// Parameters follow as in `bilateral:sigma=0.05mm,grey=12`; see below.
     #[arg(long, value_name = "FILTER", value_parser = parse_denoise, default_value = "none", help_heading = "Preprocessing")]
     denoise: DenoiseArg,
-    /// How well crossings are placed: as published, or by models of the blurred scene fitted to the grey values
-    /// (with a standard deviation for each vertex).
-    #[arg(long, value_enum, default_value_t = AccuracyName::Paper, help_heading = "Surface")]
+    /// How well crossings are placed: by models of the blurred scene fitted to the grey values (with a standard
+    /// deviation for each vertex), or as published, which takes a third of the time.
+    #[arg(long, value_enum, default_value_t = AccuracyName::Full, help_heading = "Surface")]
     accuracy: AccuracyName,
 
     /// Radius of the scan's blur in voxels [default: estimated]. Larger gives more certain
@@ -204,7 +204,7 @@ enum MethodName {
 enum AccuracyName {
     /// Linear interpolation between two voxels, midpoints near junctions (Fujimori and Suzuki).
     Paper,
-    /// Blurred sheets, junction curves and sharp edges fitted to the grey values; slower.
+    /// Blurred sheets, junction curves, sharp edges and thin parts fitted to the grey values.
     Full,
 }
 

@@ -18,7 +18,7 @@ A surface that is right leaves noise. Look at how far interfaces are above the i
 materials, and how that changes from one result of a scan to another.
 
 Examples:
-  interfacet extract part.mha --accuracy full --out result
+  interfacet extract part.mha --out result
   interfacet residual part.mha --result result
       for each interface: grey values less those of the mesh blurred as the scan is
   interfacet residual slices --spacing 0.1 --result result --json residual.json

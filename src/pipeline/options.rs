@@ -33,9 +33,9 @@ pub struct PipelineOptions {
 #[serde(rename_all = "kebab-case")]
 pub enum Accuracy {
     /// As published: linear interpolation between two voxels, and midpoints near junctions.
-    #[default]
     Paper,
     /// By models of the blurred scene fitted to the grey values: see [`crate::locate`].
+    #[default]
     Full,
 }
 
