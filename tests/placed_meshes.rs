@@ -75,13 +75,15 @@ fn any_lattice_gives_a_sound_mesh_and_a_sound_file() {
             assert_eq!(report.defect_count, 0, "{what}: {:?}", mesh.defects.by_kind());
             for (volume, unit) in volumes(&mesh).into_iter().zip(volumes(&unit)) {
                 let expected = unit * geometry.voxel_volume();
-                assert!((volume - expected).abs() < 1e-9 * expected, "{what}: {volume}, {expected}");
+                // Places are rounded in memory as they are in the file.
+                let most = if geometry.fits_single() { 1e-3 } else { 1e-9 };
+                assert!((volume - expected).abs() < most * expected, "{what}: {volume}, {expected}");
             }
             let back = read_mesh(&folder.path().join("assembly.ply"), &ReadOptions::default()).unwrap();
             let back = MeshReport::new(&back, &CheckOptions::default(), &Execution::default()).unwrap();
             assert!(back.defects.is_empty(), "{what}, read back: {:?}", back.defects.by_kind());
             for (volume, expected) in volumes(&back).into_iter().zip(volumes(&mesh)) {
-                assert!((volume - expected).abs() < 1e-3 * expected, "{what}: {volume}, {expected}");
+                assert!((volume - expected).abs() < 1e-12 * expected, "{what}: {volume}, {expected}");
             }
         }
     }

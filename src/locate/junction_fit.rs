@@ -141,8 +141,8 @@ pub(super) fn finish(
 const WORSE: f64 = 1.2;
 /// A fit in the least window whose place has no larger standard deviation, by what it leaves, is not made in a wider one, blur units.
 const SURE: f64 = 0.12;
-/// Where misfits of the scan's interfaces promise less than [`UNSURE`], what the fit leaves must promise this; then they may promise no less than
-/// the second: they are no better measured beside narrow wedges than those are labelled.
+/// A fit may be taken though its standard deviation is above [`UNSURE`] if that is so because interfaces of the scan miss the model (beside
+/// narrow wedges false ones do): it must be below the first by what the fit itself leaves, and below the second by those misfits.
 const KNOWN: f64 = 0.25;
 const VAGUE: f64 = 1.0;
 
