@@ -111,7 +111,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILTER", value_parser = parse_denoise, default_value = "none", help_heading = "Preprocessing")]
     denoise: DenoiseArg,
     /// How well crossings are placed: by models of the blurred scene fitted to the grey values (with a standard
-    /// deviation for each vertex), or as published, which takes a third of the time.
+    /// deviation for each vertex), or as published, which is faster.
     #[arg(long, value_enum, default_value_t = AccuracyName::Full, help_heading = "Surface")]
     accuracy: AccuracyName,
 
