@@ -182,14 +182,9 @@ impl SeamKey {
 
     /// How far below [`SeamKey::low`] the cells begin that have the vertex: along each axis the one there, or also the one before.
     pub(super) fn below(self) -> [usize; 3] {
-        let across = |kinds: [u64; 3]| kinds.iter().position(|&kind| kind == self.kind());
-        let of = |axis: Option<usize>, along: bool| {
-            [0, 1, 2].map(|a| usize::from(axis.is_some_and(|b| (a == b) != along)))
-        };
-        match across(Self::EDGES) {
-            None => of(across(Self::NODES).or(across(Self::KINKS)), false),
-            edge => of(edge, true),
-        }
+        let axis_of = |kinds: [u64; 3]| kinds.iter().position(|&kind| kind == self.kind());
+        let (edge, face) = (axis_of(Self::EDGES), axis_of(Self::NODES).or(axis_of(Self::KINKS)));
+        [0, 1, 2].map(|a| usize::from(edge.is_some_and(|axis| a != axis) || face == Some(a)))
     }
 
     /// The lowest point of its edge or face in the padded lattice.

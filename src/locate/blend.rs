@@ -63,7 +63,7 @@ pub(super) fn blended(
         all += weight;
         squares += weight * weight;
     }
-    let Some(normal) = normal.try_normalize().filter(|_| all > 0.0) else {
+    let Some(normal) = normal.try_normalize() else {
         return Blended { passage, sigma: 1.0 };
     };
     let alone = squares / (all * all);

@@ -246,10 +246,7 @@ impl Start {
         // In few steps, and on where they lead somewhere.
         let trial = |corner: &Corner| {
             let rough = corner.fit(samples, anchors, prior, ROUGH)?;
-            if rough.fit.converged || total(&rough) > LOST * hopeless * measured {
-                return Some(rough);
-            }
-            if is_far(&rough) {
+            if rough.fit.converged || total(&rough) > LOST * hopeless * measured || is_far(&rough) {
                 return Some(rough);
             }
             rough.corner.fit(samples, anchors, prior, TRIAL - ROUGH)

@@ -111,14 +111,19 @@ mod tests {
 
     use super::*;
 
+    /// Most voxels alike, so that some edges have the same label at both ends.
+    fn volume(size: [usize; 3], seed: usize) -> LabelVolume {
+        let random = |i: usize| (i * 7919 + seed * 104_729).wrapping_mul(2_654_435_761) >> 12;
+        let label = |i: usize| if random(i) % 3 == 0 { (random(i / 5) % 5) as u8 } else { 0 };
+        let labels: Vec<u8> = (0..size.iter().product()).map(label).collect();
+        LabelVolume::from_labels(&labels, size).unwrap().0
+    }
+
     #[test]
     fn words_of_edges_and_of_cells_are_those_of_single_voxels() {
         for x in [3, 62, 64, 130] {
             let size = [x, 5, 4];
-            let random = |i: usize| (i * 7919 + x * 104_729).wrapping_mul(2_654_435_761) >> 12;
-            let label = |i: usize| if random(i) % 3 == 0 { (random(i / 5) % 5) as u8 } else { 0 };
-            let labels: Vec<u8> = (0..size.iter().product()).map(label).collect();
-            let (volume, _) = LabelVolume::from_labels(&labels, size).unwrap();
+            let volume = volume(size, x);
             let label = |v: [usize; 3]| volume.at(v.map(|c| c + 1));
             let mut junctions = 0;
             for low in (0..4).flat_map(|z| (0..5).flat_map(move |y| [0, 1, x / 2, x - 1].map(|x| [x, y, z])))
@@ -150,11 +155,7 @@ mod tests {
         // Rows that end before, at and beyond the ends of words; the first bit of a row is the border.
         for (k, x) in [1, 2, 61, 62, 63, 64, 65, 126, 127, 130].into_iter().enumerate() {
             let size = [x, 4, 5];
-            let random = |i: usize| (i * 7919 + k * 104_729).wrapping_mul(2_654_435_761) >> 12;
-            // Most voxels alike, so that some edges have the same label at both ends.
-            let label = |i: usize| if random(i) % 3 == 0 { (random(i / 5) % 5) as u8 } else { 0 };
-            let labels: Vec<u8> = (0..size.iter().product()).map(label).collect();
-            let (whole, _) = LabelVolume::from_labels(&labels, size).unwrap();
+            let whole = volume(size, k);
             let label = |v: [usize; 3]| whole.at(v.map(|c| c + 1));
             // All of the volume, and a window that ends inside: padded slices 2 to 4 are voxels' 1 to 3.
             for (volume, slices) in [(&whole, 0..size[2]), (&whole.window(2..5), 1..3)] {

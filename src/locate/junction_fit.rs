@@ -171,9 +171,9 @@ fn fit_within(
         view.samples(middle, wedge.origin, full.hypot(along), &mut seen, &mut samples);
         let sections: Vec<Section> = samples.iter().map(|s| wedge.section(s.at)).collect();
         // In a thin wall the sheet of its other side is near; and in the tip of a narrow sector labels are its neighbours'.
-        let certain = |((s, sample), at): &((&Seen, &Sample), &Section)| {
+        let certain = |((s, _), at): &((&Seen, &Sample), &Section)| {
             let r = at.r.length();
-            !s.uncertain && r > OTHERS && (r > blind || !wedge.is_narrow_at(sample.at, 0.0))
+            !s.uncertain && r > OTHERS && (r > blind || !wedge.is_narrow_of(**at, 0.0))
         };
         let mut others = wedge.others(materials, seen.iter().zip(&samples).zip(&sections).filter(certain));
         let mut beside: Vec<f64> = others

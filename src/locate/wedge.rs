@@ -305,9 +305,13 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     /// Whether a place lies in the narrowest sector or within `beside` of it, blur units.
     #[must_use]
     pub fn is_narrow_at(&self, at: DVec3, beside: f64) -> bool {
+        self.is_narrow_of(self.section(at), beside)
+    }
+
+    /// The same of a point in this section.
+    pub(super) fn is_narrow_of(&self, at: Section, beside: f64) -> bool {
         let angles = self.angles();
         let i = (1..R).fold(0, |m, i| if angles[i] < angles[m] { i } else { m });
-        let at = self.section(at);
         let ((after, c, _), (before, d, _)) = (self.sheet_of(i, at), self.sheet_of((i + 1) % R, at));
         c.max(d) > 0.0 && after > -beside && before < beside
     }

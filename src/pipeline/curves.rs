@@ -86,11 +86,11 @@ fn look<S: Sample>(
     scan: &Scan,
     [slices, halo]: [usize; 2],
     execution: &Execution,
-    mut visit: impl FnMut(&View<'_>, Range<usize>) -> Result<(), PipelineError> + Send,
+    mut visit: impl FnMut(&View<'_>, Range<usize>) + Send,
 ) -> Result<(), PipelineError> {
     window.sweep(slices, halo, |slab, core| {
         let (labels, uncertain) = part(store, slab)?;
-        visit(&scan.view(&slab, &labels, &uncertain, execution), core)?;
+        visit(&scan.view(&slab, &labels, &uncertain, execution), core);
         Ok(execution.check()?)
     })
 }
@@ -111,7 +111,6 @@ fn refined<S: Sample>(
         let mut places = Places::new(material);
         look(window, store, &scan, [slices, halo(scan.units)], execution, |view, core| {
             places.add(view, core);
-            Ok(())
         })?;
         if let Some(found) = places.suit(&scan, scan.is_blur_known) {
             scan = Scan { is_blur_known: true, ..found };
@@ -133,21 +132,18 @@ pub(super) fn locate<S: Sample>(
     let Some(scan) = refined(window, store, scan, slices, execution)? else { return Ok(None) };
     let depth = window.size()[2] as u64;
     let stage = execution.stage(STAGE.0, PASSES * depth);
-    let done = |core: Range<usize>| -> Result<(), PipelineError> {
-        stage.advance(core.len() as u64);
-        Ok(())
-    };
+    let done = |core: Range<usize>| stage.advance(core.len() as u64);
     let mut flat = Vec::new();
     look(window, store, &scan, [slices, flat_reach(scan.units)], execution, |view, core| {
         flat.append(&mut find_flat_cores(view, core.clone()));
-        done(core)
+        done(core);
     })?;
     store.relabel(flat.iter().map(|f| (f.voxel, f.material)))?;
     if thin_reach(scan.units) <= MOST_HALO {
         let mut thin = Vec::new();
         look(window, store, &scan, [slices, thin_reach(scan.units)], execution, |view, core| {
             thin.append(&mut find_thin(view, core.clone()));
-            done(core)
+            done(core);
         })?;
         store.relabel(thin.iter().map(|t| (t.voxel, t.material)))?;
     }
@@ -155,19 +151,19 @@ pub(super) fn locate<S: Sample>(
     let mut junctions = Vec::new();
     look(window, store, &scan, far, execution, |view, core| {
         junctions.append(&mut find_junctions(view, core.clone()));
-        done(core)
+        done(core);
     })?;
     let junctions = Sites::new(scan.units, junctions);
     let mut sheets = Sheets::default();
     look(window, store, &scan, far, execution, |view, core| {
         sheets.append(find_sheets(view, &junctions, core.clone()));
-        done(core)
+        done(core);
     })?;
     let sheets = SheetIndex::from(sheets);
     let mut curves = Vec::new();
     look(window, store, &scan, far, execution, |view, core| {
         curves.append(&mut find_curves(view, &junctions, &sheets, core.clone()));
-        done(core)
+        done(core);
     })?;
     let sites = Sites::new(scan.units, curves);
     Ok(Some((scan, sites)))
