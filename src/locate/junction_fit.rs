@@ -9,6 +9,7 @@
 use glam::DVec3;
 
 use super::flanks::{FlatIndex, flanks_of};
+use super::knee_fit::find_knee;
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
@@ -90,39 +91,60 @@ pub(super) fn prior(view: &View<'_>, at: DVec3, materials: [MaterialId; 3]) -> P
 }
 
 /// A later fit, and what it was made of.
-struct Finished {
-    fit: WedgeFit<3, JUNCTION>,
-    samples: Vec<Sample>,
+pub(super) struct Finished {
+    /// The fit.
+    pub fit: WedgeFit<3, JUNCTION>,
+    /// The voxels it was fitted to.
+    pub samples: Vec<Sample>,
     prior: Prior<3>,
 }
 
-/// The later fits, from a rough one; the site, if it is accepted.
-pub(super) fn finish(
-    view: &View<'_>,
-    flats: &FlatIndex,
-    place: (DVec3, f64),
-    wedge: Wedge<3, JUNCTION>,
-    materials: [MaterialId; 3],
-    prior: &Prior<3>,
-) -> Option<Site> {
+/// What is asked of a place.
+pub(super) struct Asked<'a> {
+    /// The window's middle, voxels, and how far the curve may lie from it, blur units.
+    pub place: (DVec3, f64),
+    /// Of the wedge's sectors.
+    pub materials: [MaterialId; 3],
+    /// What is known before.
+    pub prior: Prior<3>,
+    /// Patches, if known.
+    pub flats: &'a FlatIndex,
+}
+
+/// The site that later fits from a rough one make: a knee, if another sheet is near and the grey values show one, or what [`refit`] finds.
+pub(super) fn finish(view: &View<'_>, asked: &Asked<'_>, wedge: &Wedge<3, JUNCTION>) -> Option<Site> {
+    let found = in_windows(view, asked, wedge)?;
+    find_knee(view, asked, &found).or_else(|| accepted(view, asked, found))
+}
+
+/// The site that later fits from a rough or an earlier one make, if it is accepted.
+pub(super) fn refit(view: &View<'_>, asked: &Asked<'_>, wedge: &Wedge<3, JUNCTION>) -> Option<Site> {
+    accepted(view, asked, in_windows(view, asked, wedge)?)
+}
+
+/// The later fits: of the least window, and of a wider one where that leaves the place unsure.
+fn in_windows(view: &View<'_>, asked: &Asked<'_>, wedge: &Wedge<3, JUNCTION>) -> Option<Finished> {
     if view.execution.is_cancelled() {
         return None;
     }
-    let (middle, most) = place;
-    let within = |wedge: &Wedge<3, JUNCTION>, widest: f64| {
-        fit_within(view, flats, place, wedge.clone(), &materials, prior, widest)
-    };
+    let within = |wedge: &Wedge<3, JUNCTION>, widest: f64| fit_within(view, asked, wedge.clone(), widest);
     // A wide window knows a narrow sector better, if nothing else is in it: another edge, or an interface that is near by nature. What else
     // there is shows in what is left.
-    let near = within(&wedge, FULL);
-    let start = near.as_ref().map_or(&wedge, |near| &near.fit.wedge);
+    let near = within(wedge, FULL);
+    let start = near.as_ref().map_or(wedge, |near| &near.fit.wedge);
     let is_sure = near.as_ref().is_some_and(|near| unsure(&near.fit) < SURE);
     let far = if !is_sure && wide(start) > FULL { within(&start.recentred(0.0), WIDEST) } else { None };
-    let Finished { fit, samples, prior } = match (near, far) {
-        (Some(near), Some(far)) if far.fit.reduced() > WORSE * near.fit.reduced() => near,
-        (_, Some(far)) => far,
-        (near, None) => near?,
-    };
+    match (near, far) {
+        (Some(near), Some(far)) if far.fit.reduced() > WORSE * near.fit.reduced() => Some(near),
+        (_, Some(far)) => Some(far),
+        (near, None) => near,
+    }
+}
+
+/// The site of a fit, if it is accepted.
+fn accepted(view: &View<'_>, asked: &Asked<'_>, found: Finished) -> Option<Site> {
+    let Finished { fit, samples, prior } = found;
+    let (middle, most) = asked.place;
     // What a pass reads beyond its slices is enough up to `most`.
     let accepted = fit.wedge.apex(0.0).length() < 1.0
         && fit.wedge.point(0.0).length() <= most
@@ -134,7 +156,7 @@ pub(super) fn finish(
         return None;
     }
     let at = middle + view.units.voxel(fit.wedge.point(0.0));
-    Some(Site { middle, at, materials, model: Model::Junction(Box::new(fit)) })
+    Some(Site { middle, at, materials: asked.materials, model: Model::Junction(Box::new(fit)) })
 }
 
 /// A wide window's fit may leave so many times what the least one's leaves.
@@ -154,13 +176,12 @@ fn unsure(fit: &WedgeFit<3, JUNCTION>) -> f64 {
 /// The fits in a window no wider than `widest` about the wedge, and again about where the first one puts it.
 fn fit_within(
     view: &View<'_>,
-    flats: &FlatIndex,
-    (middle, most): (DVec3, f64),
+    asked: &Asked<'_>,
     mut wedge: Wedge<3, JUNCTION>,
-    materials: &[MaterialId; 3],
-    prior: &Prior<3>,
     widest: f64,
 ) -> Option<Finished> {
+    let Asked { place: (middle, most), materials, prior, flats } = asked;
+    let (middle, most) = (*middle, *most);
     let mut seen: Vec<Seen> = Vec::new();
     let mut samples: Vec<Sample> = Vec::new();
     let mut on: Vec<Flank> = Vec::new();

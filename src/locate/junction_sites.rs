@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::crossing_edges::{differing_from, junction_cells};
 use super::flanks::FlatIndex;
 use super::flat_starts::{self, meeting, ordered};
-use super::junction_fit::{finish, prior, rough};
+use super::junction_fit::{Asked, finish, prior, refit, rough};
 use super::site::{Model, Site};
 use super::view::View;
 use super::wedge::Wedge;
@@ -215,7 +215,7 @@ fn by_patches(view: &View<'_>, flats: &FlatIndex, seed: &Seed) -> Option<Site> {
     let levels = prior.levels.map(|l| l.mean);
     let start = Wedge::new(DVec3::ZERO, found.direction, rays, levels);
     let wedge = rough(view, middle, start, &prior, [most; 2])?;
-    finish(view, flats, (middle, most), wedge, materials, &prior)
+    finish(view, &Asked { place: (middle, most), materials, prior, flats }, &wedge)
 }
 
 /// The fit from a start about a seed.
@@ -226,7 +226,7 @@ fn fit_from(view: &View<'_>, seed: &Seed, start: &Start) -> Option<Site> {
     let levels = prior.levels.map(|l| l.mean);
     let start = Wedge::new(DVec3::ZERO, start.direction, start.rays, levels);
     let wedge = rough(view, middle, start, &prior, [most, NEAREST])?;
-    finish(view, &FlatIndex::default(), (middle, most), wedge, materials, &prior)
+    finish(view, &Asked { place: (middle, most), materials, prior, flats: &FlatIndex::default() }, &wedge)
 }
 
 /// An order of places.
@@ -242,10 +242,14 @@ pub(super) fn refine(view: &View<'_>, flats: &FlatIndex, sites: &[Site], core: &
     let own: Vec<&Site> = sites.iter().filter(own).collect();
     own.par_iter()
         .map(|&site| {
-            let Model::Junction(fit) = &site.model else { return site.clone() };
-            let prior = prior(view, site.at, site.materials);
-            finish(view, flats, (site.middle, FARTHEST), fit.wedge.recentred(0.0), site.materials, &prior)
-                .unwrap_or_else(|| site.clone())
+            let (prior, place) = (prior(view, site.at, site.materials), (site.middle, FARTHEST));
+            let asked = Asked { place, materials: site.materials, prior, flats };
+            let again = match &site.model {
+                Model::Junction(fit) => refit(view, &asked, &fit.wedge.recentred(0.0)),
+                // Knees do without patches.
+                Model::Knee(_) | Model::Edge(_) | Model::Corner(_) => None,
+            };
+            again.unwrap_or_else(|| site.clone())
         })
         .collect()
 }

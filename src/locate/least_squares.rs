@@ -141,6 +141,17 @@ pub(super) fn minimise<const N: usize>(
     Some(Fit { x, chi2, strain: strain(&x), covariance, converged })
 }
 
+/// By how much a step from `x` to where the linearised model has its minimum promises to lower the misfit; 0 if there is no such step.
+pub(super) fn promise<const N: usize>(
+    model: &impl Model<N>,
+    problem: &Problem<N>,
+    x: &SVector<f64, N>,
+) -> f64 {
+    let (_, equations) = assemble(model, problem, x);
+    let free = Problem { most: [f64::INFINITY; N], ..problem.clone() };
+    damped_step(&equations, &free, 1e-6).map_or(0.0, |(_, promised)| promised)
+}
+
 /// The normal equations with priors.
 fn assemble<const N: usize>(
     model: &impl Model<N>,

@@ -9,7 +9,7 @@
 //!
 //! - `gauss`, `frame`, `least_squares`: the normal distribution, blur units, Levenberg-Marquardt.
 //! - `batch`, `normal`: many voxels at a time, with SIMD instructions.
-//! - `sheet`, `wedge` (`wedge_rows`), `corner` with `corner_fit` (`corner_rows`) and `orthant`, `cone`: the models.
+//! - `sheet`, `wedge` (`wedge_rows`), `knee` (`knee_rows`; a junction beside an edge, looked for by `knee_fit`), `corner` with `corner_fit` (`corner_rows`) and `orthant`, `cone`: the models.
 //! - `view`: what is fitted to. `patches`, `junction_sites`, `edge_sites`: where, from which start, and when a fit is
 //!   accepted; `flanks`: what patches tell wedges.
 //! - `corner_sites`, `cone_sites`: the same for corners; `corner_planes`: what patches tell them; `corner_starts`:
@@ -53,6 +53,9 @@ mod gauss;
 mod hermite;
 mod junction_fit;
 mod junction_sites;
+mod knee;
+mod knee_fit;
+mod knee_rows;
 mod least_squares;
 mod normal;
 #[allow(clippy::needless_range_loop)] // loops over batches, for SIMD

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::corner_site::CornerSite;
+use super::knee::KneeFit;
 use super::passage::Passage;
 use super::sites::CurveKind;
 use super::wedge::{EDGE, JUNCTION, Section, WedgeFit};
@@ -15,6 +16,8 @@ pub enum Model {
     Junction(Box<WedgeFit<3, JUNCTION>>),
     /// A sharp edge.
     Edge(Box<WedgeFit<2, EDGE>>),
+    /// A junction curve beside a sharp edge.
+    Knee(Box<KneeFit>),
     /// A corner, or a point where such curves end.
     Corner(Box<CornerSite>),
 }
@@ -33,10 +36,11 @@ pub struct Site {
 }
 
 macro_rules! with_model {
-    ($site:expr, $fit:ident => $body:expr, $corner:ident => $other:expr) => {
+    ($site:expr, $fit:ident => $body:expr, $knee:ident => $bent:expr, $corner:ident => $other:expr) => {
         match &$site.model {
             Model::Junction($fit) => $body,
             Model::Edge($fit) => $body,
+            Model::Knee($knee) => $bent,
             Model::Corner($corner) => $other,
         }
     };
@@ -50,20 +54,23 @@ impl Site {
         with_model!(self, fit => {
             let Section { r, z } = fit.wedge.section(at);
             [r.length(), z]
+        }, knee => {
+            let ([junction, bend], z) = knee.knee.around(at);
+            [junction.min(bend), z]
         }, corner => [corner.nearest(at, None).map_or(f64::INFINITY, |n| n.distance), 0.0])
     }
 
     /// The material at a place.
     #[must_use]
     pub fn material(&self, at: DVec3) -> MaterialId {
-        with_model!(self, fit => self.materials[fit.wedge.sector(at)], corner => corner.material(at))
+        with_model!(self, fit => self.materials[fit.wedge.sector(at)], knee => self.materials[knee.knee.sector(at)], corner => corner.material(at))
     }
 
     /// The interface between two of its materials near a place; `None` if they do not meet here. Behind the
     /// curve sheets do not go on.
     #[must_use]
     pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
-        with_model!(self, fit => passage(fit, &self.materials, pair, at), corner => corner.passage(pair, at))
+        with_model!(self, fit => passage(fit, &self.materials, pair, at), knee => knee.knee.passage(&self.materials, pair, at), corner => corner.passage(pair, at))
     }
 
     /// Standard deviation of the place of that interface along its normal, for white noise.
@@ -72,6 +79,7 @@ impl Site {
         with_model!(
             self,
             fit => nearest_sheet(fit, &self.materials, pair, fit.wedge.section(at)).map(|(i, _)| fit.sheet_sigma(i, at)),
+            knee => knee.sigma(&self.materials, pair, at),
             corner => corner.sigma(pair, at)
         )
     }
@@ -114,19 +122,13 @@ impl Site {
     ) -> Option<(DVec3, f64)> {
         let target = (coordinate as f64 - self.middle[axis]) * per_voxel[axis];
         with_model!(self, fit => {
-            let mut z = 0.0;
-            for _ in 0..6 {
-                let slope = fit.wedge.direction(z)[axis];
-                if slope.abs() < 0.05 {
-                    return None;
-                }
-                z += ((target - fit.wedge.point(z)[axis]) / slope).clamp(-2.0, 2.0);
-            }
-            let at = fit.wedge.point(z);
-            if z.abs() > reach || (at[axis] - target).abs() > 1e-3 {
-                return None;
-            }
-            Some((self.middle + at / per_voxel, fit.apex_sigma(z)[1]))
+            let wedge = &fit.wedge;
+            let z = pierced(axis, target, reach, |z| wedge.point(z), |z| wedge.direction(z))?;
+            Some((self.middle + fit.wedge.point(z) / per_voxel, fit.apex_sigma(z)[1]))
+        }, knee => {
+            let bent = &knee.knee;
+            let z = pierced(axis, target, reach, |z| bent.point(kind, z), |z| bent.direction(kind, z))?;
+            Some((self.middle + knee.knee.point(kind, z) / per_voxel, knee.curve_sigma(kind, z)))
         }, corner => {
             let near = (near - self.middle) * per_voxel;
             let (at, sigma) = corner.pierces(kind, axis, target, near)?;
@@ -148,6 +150,9 @@ impl Site {
         let (at, sigma) = with_model!(self, fit => {
             let z = fit.wedge.section(at).z;
             (z.abs() <= reach).then(|| (fit.wedge.point(z), fit.apex_sigma(z)[1]))
+        }, knee => {
+            let (_, z) = knee.knee.around(at);
+            (z.abs() <= reach).then(|| (knee.knee.point(kind, z), knee.curve_sigma(kind, z)))
         }, corner => corner.nearest_point(kind, at))?;
         Some((self.middle + at / per_voxel, sigma))
     }
@@ -157,8 +162,28 @@ impl Site {
     /// for corners.
     #[must_use]
     pub fn on_sheet(&self, pair: [MaterialId; 2], at: DVec3, margin: f64) -> Option<(DVec3, f64)> {
-        with_model!(self, fit => on_sheet(fit, &self.materials, pair, at, margin), _corner => None)
+        with_model!(self, fit => on_sheet(fit, &self.materials, pair, at, margin), knee => knee.on_sheet(&self.materials, pair, at, margin), _corner => None)
     }
+}
+
+/// How far along a curve its place along an axis is `target`, by its points and directions; `None` where it runs across the axis or if that
+/// is farther than `reach`.
+fn pierced(
+    axis: usize,
+    target: f64,
+    reach: f64,
+    point: impl Fn(f64) -> DVec3,
+    direction: impl Fn(f64) -> DVec3,
+) -> Option<f64> {
+    let mut z = 0.0;
+    for _ in 0..6 {
+        let slope = direction(z)[axis];
+        if slope.abs() < 0.05 {
+            return None;
+        }
+        z += ((target - point(z)[axis]) / slope).clamp(-2.0, 2.0);
+    }
+    (z.abs() <= reach && (point(z)[axis] - target).abs() <= 1e-3).then_some(z)
 }
 
 /// As [`Site::on_sheet`], of a wedge.

@@ -111,6 +111,10 @@ impl Site {
         match &self.model {
             Model::Junction(fit) => fit.wedge.blind().max(REACH[CurveKind::Junction as usize]).hypot(ALONG),
             Model::Edge(_) => REACH[CurveKind::Edge as usize].hypot(ALONG),
+            Model::Knee(fit) => {
+                let bend = fit.knee.length(0.0) + 1.0 + REACH[CurveKind::Edge as usize];
+                bend.max(REACH[CurveKind::Junction as usize]).hypot(ALONG)
+            }
             Model::Corner(corner) => corner.reach(),
         }
     }
@@ -118,9 +122,17 @@ impl Site {
     /// What the site makes of a place (blur units from its middle), within `factor` times its reach; of curves of a kind, or
     /// of any.
     fn claims(&self, at: DVec3, factor: f64, asked: Option<CurveKind>) -> Option<Claimed> {
-        let kind = match &self.model {
-            Model::Junction(_) => CurveKind::Junction,
-            Model::Edge(_) => CurveKind::Edge,
+        let ([distance, z], kind) = match &self.model {
+            Model::Junction(_) => (self.around(at), CurveKind::Junction),
+            Model::Edge(_) => (self.around(at), CurveKind::Edge),
+            Model::Knee(fit) => {
+                let (distances, z) = fit.knee.around(at);
+                let kind = asked.unwrap_or({
+                    let [junction, edge] = [0, 1].map(|k| distances[k] / REACH[k]);
+                    if edge < junction { CurveKind::Edge } else { CurveKind::Junction }
+                });
+                ([distances[kind as usize], z], kind)
+            }
             Model::Corner(corner) => {
                 let near = corner.nearest(at, asked)?;
                 let radius = corner.radius(at);
@@ -134,7 +146,6 @@ impl Site {
                 return Some(Claimed { score, distance: near.distance, kind: near.kind, blind: false });
             }
         };
-        let [distance, z] = self.around(at);
         let blind = match &self.model {
             Model::Junction(fit)
                 if distance > TAINTED[CurveKind::Junction as usize]

@@ -96,7 +96,13 @@ fn off_sheet(k: f64, c: f64, d: f64) -> f64 {
 
 /// By how much sheet `i`, in direction u, moves to its left a distance c along its ray in the section at z, for each
 /// parameter; times `scale`.
-fn sheet_slopes<const R: usize, const N: usize>(i: usize, u: DVec2, c: f64, z: f64, scale: f64) -> [f64; N] {
+pub(super) fn sheet_slopes<const R: usize, const N: usize>(
+    i: usize,
+    u: DVec2,
+    c: f64,
+    z: f64,
+    scale: f64,
+) -> [f64; N] {
     let mut row = [0.0; N];
     let n = u.perp() * scale;
     for (p, factor) in [(Places::<R>::A0, 1.0), (Places::<R>::A1, z), (Places::<R>::A2, 0.5 * z * z)] {
@@ -137,12 +143,15 @@ impl<const R: usize, const N: usize> Model<N> for Blurred<'_, R, N> {
     }
 
     fn is_possible(&self, x: &SVector<f64, N>) -> bool {
-        // Rays must stay in order: a sector turned inside out is another arrangement.
-        let gap =
-            |i: usize| (x[Places::<R>::THETA + (i + 1) % R] - x[Places::<R>::THETA + i]).rem_euclid(TAU);
-        let turn: f64 = (0..R).map(gap).sum();
-        (0..R).all(|i| gap(i) >= NARROWEST) && (turn - TAU).abs() < 1e-6
+        is_in_order::<R, N>(x)
     }
+}
+
+/// Whether rays are in order: a sector turned inside out is another arrangement.
+pub(super) fn is_in_order<const R: usize, const N: usize>(x: &SVector<f64, N>) -> bool {
+    let gap = |i: usize| (x[Places::<R>::THETA + (i + 1) % R] - x[Places::<R>::THETA + i]).rem_euclid(TAU);
+    let turn: f64 = (0..R).map(gap).sum();
+    (0..R).all(|i| gap(i) >= NARROWEST) && (turn - TAU).abs() < 1e-6
 }
 
 /// Sectors narrower than this are not looked for: the sheets beside them merge within the blur.
@@ -213,6 +222,14 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
             axes: self.axes,
             reading: prior.reading,
         };
+        let problem = Self::problem(prior, stage);
+        let fit = minimise(&model, &problem, self.x)?;
+        let wedge = Self { x: fit.x, ..self.clone() };
+        Some(WedgeFit { wedge, fit, samples: samples.len() + flanks.len() })
+    }
+
+    /// What moves in a stage, by how much, and what is known of it before; nothing of parameters beyond a wedge's.
+    pub(super) fn problem(prior: &Prior<R>, stage: Stage) -> Problem<N> {
         let mut problem = Problem {
             active: [false; N],
             prior: [(0.0, f64::INFINITY); N],
@@ -242,9 +259,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         problem.active[Places::<R>::SIGMA] = stage != Stage::Rough && prior.log_sigma > 0.0;
         problem.prior[Places::<R>::SIGMA] = (0.0, prior.log_sigma.max(1e-6));
         problem.most[Places::<R>::SIGMA] = 0.1;
-        let fit = minimise(&model, &problem, self.x)?;
-        let wedge = Self { x: fit.x, ..self.clone() };
-        Some(WedgeFit { wedge, fit, samples: samples.len() + flanks.len() })
+        problem
     }
 
     fn vec(&self, i: usize) -> DVec2 {
@@ -272,7 +287,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
     }
 
     /// Direction of ray `i` in the section at z.
-    fn ray(&self, i: usize, z: f64) -> DVec2 {
+    pub(super) fn ray(&self, i: usize, z: f64) -> DVec2 {
         DVec2::from_angle(self.x[Places::<R>::THETA + i] + z * self.x[Places::<R>::TWIST + i])
     }
 
@@ -371,7 +386,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         self.sector_of(self.section(at))
     }
 
-    fn sector_of(&self, Section { r, z }: Section) -> usize {
+    pub(super) fn sector_of(&self, Section { r, z }: Section) -> usize {
         let (rho, angle) = (r.length(), r.to_angle());
         // Distance counter-clockwise from each ray, turned by its curvature over this distance.
         let past = |i: usize| {
@@ -429,6 +444,11 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         let ahead = c.max(0.0);
         let off = off_sheet(k, ahead, d);
         let n = u.perp() - u * (k * ahead);
+        (off, c, self.in_space(n, z))
+    }
+
+    /// A direction in the section at z, as a unit vector in space.
+    pub(super) fn in_space(&self, n: DVec2, z: f64) -> DVec3 {
         let along = self.vec(Places::<R>::A1) + self.vec(Places::<R>::A2) * z;
         // From the plane normal to the curve to space: turned about what is normal to both axis and curve.
         let tilt = along.length();
@@ -441,8 +461,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         } else {
             DVec3::new(n.x, n.y, 0.0)
         };
-        let length = n.length();
-        (off, c, self.axes * normal / length)
+        self.axes * normal / n.length()
     }
 }
 
@@ -528,7 +547,7 @@ const MOST_BLIND: f64 = 8.0;
 
 /// A voxel this far (blur units) on the wrong side contradicts a wedge: another sheet is there, whose blur reaches so far,
 /// and farther if it is of a material that the wedge has not, whose contrast may be larger.
-const WRONG: f64 = 1.3;
+pub(super) const WRONG: f64 = 1.3;
 pub(super) const BLURRED: [f64; 2] = [2.4, 3.0];
 
 /// The smallest angle of a sector that a wedge may have.

@@ -18,13 +18,13 @@ pub(super) struct Known<const R: usize> {
     axes: [[f32; 3]; 3],
     curve: Curve,
     /// One over the factor on sigma.
-    shrink: f32,
+    pub(super) shrink: f32,
     u: [[f32; 2]; R],
     /// By how much rays turn along the curve.
     twist: [f32; R],
     /// Curvatures, in units of the wedge's own sigma.
     k: [f32; R],
-    mu: [f32; R],
+    pub(super) mu: [f32; R],
 }
 
 /// The curve `a0 + a1 z + a2 z^2 / 2`.
@@ -92,11 +92,12 @@ impl Curve {
 }
 
 /// What the voxels of a batch see of one ray.
-struct Ray {
+pub(super) struct Ray {
     /// Its direction in the voxel's section.
-    u: [Row; 2],
-    /// Place to its left.
-    d: Row,
+    pub u: [Row; 2],
+    /// Place along it, and to its left.
+    pub c: Row,
+    pub d: Row,
     /// The density across at d (less what curvature moves the sheet), and the share along, at c.
     across: Row,
     along: Row,
@@ -109,9 +110,18 @@ struct Ray {
     share: Row,
 }
 
-const ZERO: Row = [0.0; BATCH];
-const EMPTY: Ray =
-    Ray { u: [ZERO; 2], d: ZERO, across: ZERO, along: ZERO, arm: ZERO, bend: ZERO, moved: ZERO, share: ZERO };
+pub(super) const ZERO: Row = [0.0; BATCH];
+const EMPTY: Ray = Ray {
+    u: [ZERO; 2],
+    c: ZERO,
+    d: ZERO,
+    across: ZERO,
+    along: ZERO,
+    arm: ZERO,
+    bend: ZERO,
+    moved: ZERO,
+    share: ZERO,
+};
 
 impl<const R: usize> Known<R> {
     pub(super) fn new<const N: usize>(origin: DVec3, axes: &DMat3, x: &SVector<f64, N>) -> Self {
@@ -148,7 +158,7 @@ impl<const R: usize> Known<R> {
 
     /// Sections, and what is seen of each ray.
     #[inline(always)]
-    fn see(&self, batch: &Batch) -> (Row, [Ray; R]) {
+    pub(super) fn see(&self, batch: &Batch) -> (Row, [Ray; R]) {
         let [z, x, y] = if self.curve.is_straight() {
             self.sections::<true>(batch)
         } else {
@@ -174,6 +184,7 @@ impl<const R: usize> Known<R> {
             let (c, d) = (ux * x[i] + uy * y[i], ux * y[i] - uy * x[i]);
             let seen = wedge(c, d);
             let low = density(seen.bells[0]);
+            ray.c[i] = c;
             ray.d[i] = d;
             ray.across[i] = density(seen.bells[1]);
             ray.along[i] = seen.along;
@@ -202,7 +213,7 @@ impl<const R: usize> Known<R> {
 
     /// The share of each sector in the Gaussian about each voxel.
     #[inline(always)]
-    fn sectors(&self, rays: &[Ray; R]) -> [Row; R] {
+    pub(super) fn sectors(&self, rays: &[Ray; R]) -> [Row; R] {
         let mut out = [ZERO; R];
         for k in 0..R {
             let (here, next, out) = (&rays[k], &rays[(k + 1) % R], &mut out[k]);
@@ -219,7 +230,7 @@ impl<const R: usize> Known<R> {
     }
 
     #[inline(always)]
-    fn values(&self, sectors: &[Row; R]) -> Row {
+    pub(super) fn values(&self, sectors: &[Row; R]) -> Row {
         let mut out = ZERO;
         for k in 0..R {
             for i in 0..BATCH {
@@ -237,12 +248,16 @@ impl<const R: usize> Known<R> {
     }
 }
 
-impl<const R: usize, const N: usize> Rows<N> for Known<R> {
+impl<const R: usize> Known<R> {
+    /// The rows of the Jacobian, by what voxels see.
     #[inline(always)]
-    fn add(&self, batch: &Batch, reading: &Reading, sums: &mut Sums<N>) {
-        let (z, rays) = self.see(batch);
-        let sectors = self.sectors(&rays);
-        let [residuals, weights] = batch.residuals(reading, &self.values(&sectors));
+    pub(super) fn rows<const N: usize>(
+        &self,
+        z: &Row,
+        rays: &[Ray; R],
+        sectors: &[Row; R],
+        weights: &Row,
+    ) -> [Row; N] {
         let mut rows = [ZERO; N];
         let (mut nx, mut ny, mut wider) = (ZERO, ZERO, ZERO);
         for k in 0..R {
@@ -262,17 +277,32 @@ impl<const R: usize, const N: usize> Rows<N> for Known<R> {
                 rows[Places::<R>::MU + k][i] = weights[i] * sectors[k][i];
             }
         }
+        self.add_moved(z, &[nx, ny], &mut rows);
+        rows[Places::<R>::SIGMA] = wider;
+        rows
+    }
+
+    /// Adds to the rows what the apex's place and course make, by what its move in the section makes.
+    #[inline(always)]
+    pub(super) fn add_moved<const N: usize>(&self, z: &Row, normals: &[Row; 2], rows: &mut [Row; N]) {
         let sigma2 = 1.0 / (self.shrink * self.shrink);
-        let normals = [nx, ny];
         for a in 0..2 {
             for i in 0..BATCH {
                 let n = normals[a][i] * self.shrink;
-                rows[Places::<R>::A0 + a][i] = n;
-                rows[Places::<R>::A1 + a][i] = n * z[i];
-                rows[Places::<R>::A2 + a][i] = n * (0.5 * (z[i] * z[i] + sigma2));
+                rows[Places::<R>::A0 + a][i] += n;
+                rows[Places::<R>::A1 + a][i] += n * z[i];
+                rows[Places::<R>::A2 + a][i] += n * (0.5 * (z[i] * z[i] + sigma2));
             }
         }
-        rows[Places::<R>::SIGMA] = wider;
-        sums.add(&rows, &residuals);
+    }
+}
+
+impl<const R: usize, const N: usize> Rows<N> for Known<R> {
+    #[inline(always)]
+    fn add(&self, batch: &Batch, reading: &Reading, sums: &mut Sums<N>) {
+        let (z, rays) = self.see(batch);
+        let sectors = self.sectors(&rays);
+        let [residuals, weights] = batch.residuals(reading, &self.values(&sectors));
+        sums.add(&self.rows::<N>(&z, &rays, &sectors, &weights), &residuals);
     }
 }
