@@ -17,7 +17,7 @@ use super::cone::{Cone, ConeFit, ConePrior};
 use super::corner::Corner;
 use super::corner_planes::{Plane, planes_about};
 use super::corner_site::{CornerSite, Shape};
-use super::corner_sites::{CELL, FARTHEST, FULL, LEVEL, MODEL, REACH, SIGMA, STILL, UNSURE, thinned};
+use super::corner_sites::{CELL, FULL, LEVEL, MODEL, REACH, SIGMA, STILL, UNSURE, thinned};
 use super::flanks::FlatIndex;
 use super::frame::BlurUnits;
 use super::sheet::{LevelPrior, Sample};
@@ -26,6 +26,8 @@ use super::view::{Seen, View};
 use super::wedge::is_explained;
 use crate::grid::MaterialId;
 
+/// The apex may be so far from where its curves or planes meet, blur units.
+const FARTHEST: f64 = 2.0;
 /// Fits of curves are taken within this distance of each other, blur units.
 const AROUND: f64 = 11.0;
 /// Their lines pass the point within this distance, and it lies so far along them.

@@ -32,6 +32,11 @@ const BESIDE_NARROW: f64 = 2.0;
 const CORNER: f64 = 4.3;
 /// Fits of curves that are centred so near to a corner have seen it, and do not count.
 const SPOILT: f64 = 3.5;
+/// Fits of curves centred so near to a corner may have seen it: those that leave so many times what others of their kind leave, by the median, do not
+/// count either, if the corner is known to this (blur units), as it tells its curves that far.
+const SEEN: f64 = 6.5;
+const MORE: f64 = 2.5;
+const SURE: f64 = 0.06;
 /// Fits of a corner nearer to each other than this are of the same one, blur units.
 const SAME: f64 = 1.5;
 
@@ -106,6 +111,15 @@ struct Claimed {
 }
 
 impl Site {
+    /// What kind of curve was fitted, and the misfit per voxel that was left; of single curves.
+    fn left(&self) -> Option<(CurveKind, f64)> {
+        match &self.model {
+            Model::Junction(fit) => Some((CurveKind::Junction, fit.reduced())),
+            Model::Edge(fit) => Some((CurveKind::Edge, fit.reduced())),
+            Model::Knee(_) | Model::Corner(_) => None,
+        }
+    }
+
     /// How far around `at` the site may speak, blur units.
     fn farthest(&self) -> f64 {
         match &self.model {
@@ -165,6 +179,14 @@ impl Site {
     }
 }
 
+/// What fits of curves of a kind leave per voxel, the median.
+fn usual(sites: &[Site], kind: CurveKind) -> f64 {
+    let mut left: Vec<f64> =
+        sites.iter().filter_map(Site::left).filter(|left| left.0 == kind).map(|left| left.1).collect();
+    left.sort_by(f64::total_cmp);
+    left.get(left.len() / 2).copied().unwrap_or(f64::INFINITY)
+}
+
 /// Of several fits of a corner the surest, and no fits of curves beside corners.
 fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
     let (corners, mut out): (Vec<Site>, Vec<Site>) =
@@ -182,18 +204,24 @@ fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
         order.unwrap_or(std::cmp::Ordering::Equal)
     });
     // By boxes that are wider than what is looked for around.
-    let mut places = ByBox::new(units.voxel(DVec3::splat(SPOILT)).max_element());
+    let boxes = || ByBox::new(units.voxel(DVec3::splat(SEEN)).max_element());
+    let (mut places, mut sure) = (boxes(), boxes());
     let near = |places: &ByBox<(), DVec3>, at: DVec3, reach: f64| {
         places.near((), at).any(|other| units.of(other - at).length() < reach)
     };
     let mut kept = Vec::new();
-    for (_, site) in corners {
+    for (sigma, site) in corners {
         if !near(&places, site.at, SAME) {
             places.insert((), site.at, site.at);
+            if sigma < SURE {
+                sure.insert((), site.at, site.at);
+            }
             kept.push(site);
         }
     }
-    out.retain(|site| !near(&places, site.at, SPOILT));
+    let most = [CurveKind::Junction, CurveKind::Edge].map(|kind| MORE * usual(&out, kind));
+    let is_poor = |site: &Site| site.left().is_some_and(|(kind, left)| left > most[kind as usize]);
+    out.retain(|site| !near(&places, site.at, SPOILT) && !(is_poor(site) && near(&sure, site.at, SEEN)));
     out.append(&mut kept);
     out
 }
