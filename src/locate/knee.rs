@@ -220,7 +220,7 @@ impl Knee {
     }
 
     /// A point seen from the bend: in the section at z, along the sheet before and to its left.
-    fn from_bend(&self, Section { r, z }: Section) -> DVec2 {
+    fn seen_at_bend(&self, Section { r, z }: Section) -> DVec2 {
         let u = self.wedge.ray(self.ray, z);
         DVec2::new(u.dot(r) - self.length(z), u.perp_dot(r))
     }
@@ -236,7 +236,7 @@ impl Knee {
     }
 
     fn sector_of(&self, section: Section) -> usize {
-        let from = self.from_bend(section);
+        let from = self.seen_at_bend(section);
         let turned = DVec2::from_angle(self.turn());
         // Between the sheet as it would go on and as it does.
         let is_left = from.y >= 0.0;
@@ -254,7 +254,7 @@ impl Knee {
     #[must_use]
     pub(super) fn around(&self, at: DVec3) -> ([f64; 2], f64) {
         let section = self.wedge.section(at);
-        ([section.r.length(), self.from_bend(section).length()], section.z)
+        ([section.r.length(), self.seen_at_bend(section).length()], section.z)
     }
 
     /// The point of a curve of a kind at z.
@@ -291,7 +291,7 @@ impl Knee {
                 let beside = (along - along.clamp(0.0, end)).abs();
                 return Sheet { ray: k, beyond: false, off, away: off.hypot(beside), normal, along };
             }
-            let from = self.from_bend(section);
+            let from = self.seen_at_bend(section);
             let turned = DVec2::from_angle(self.turn());
             let (along, off) = (turned.dot(from), turned.perp_dot(from));
             let u = wedge.ray(self.ray, section.z);
@@ -365,7 +365,7 @@ impl KneeFit {
         }
         let wedge = &self.knee.wedge;
         let section = wedge.section(at);
-        let (z, from) = (section.z, self.knee.from_bend(section));
+        let (z, from) = (section.z, self.knee.seen_at_bend(section));
         let turned = DVec2::from_angle(self.knee.turn());
         let u = wedge.ray(ray, z);
         let along = turned.dot(from).max(0.0);

@@ -57,8 +57,8 @@ impl KnownKnee {
     fn bend(&self, z: &Row, ray: &Ray) -> Bend {
         let mut out = Bend { length: ZERO, share: ZERO, flux: [ZERO; 2], arm: [ZERO; 2], d: [ZERO; 2] };
         let [cos, sin] = self.turn;
-        for i in 0..BATCH {
-            let length = self.length[0] + self.length[1] * z[i];
+        for (i, z) in z.iter().enumerate() {
+            let length = self.length[0] + self.length[1] * z;
             let (c, d) = (ray.c[i] - length, ray.d[i]);
             let on = [c, cos * c + sin * d];
             let off = [d, cos * d - sin * c];
@@ -86,8 +86,8 @@ impl KnownKnee {
     /// Adds what the bend makes to predicted grey values.
     #[inline(always)]
     fn add_to(&self, bend: &Bend, values: &mut Row) {
-        for i in 0..BATCH {
-            values[i] += self.jump() * bend.share[i];
+        for (value, share) in values.iter_mut().zip(&bend.share) {
+            *value += self.jump() * share;
         }
     }
 

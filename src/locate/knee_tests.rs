@@ -32,7 +32,7 @@ fn grey(knee: &Knee, at: DVec3) -> f64 {
     order.sort_by(|a, b| theta(*a).total_cmp(&theta(*b)));
     let levels = knee.wedge.levels();
     let mut out = sectors(&order.map(theta), &order.map(|i| levels[i]), r);
-    let (from, turn) = (knee.from_bend(Section { r, z }), knee.turn());
+    let (from, turn) = (knee.seen_at_bend(Section { r, z }), knee.turn());
     let jump = levels[(knee.ray + 2) % 3] - levels[knee.ray];
     let (low, high, sign) = if turn > 0.0 { (0.0, turn, 1.0) } else { (2.0 * PI + turn, 2.0 * PI, -1.0) };
     out += sign * jump * sectors(&[0.0, low.max(1e-9), high], &[0.0, 1.0, 0.0], from);

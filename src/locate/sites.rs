@@ -221,7 +221,10 @@ fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
     }
     let most = [CurveKind::Junction, CurveKind::Edge].map(|kind| MORE * usual(&out, kind));
     let is_poor = |site: &Site| site.left().is_some_and(|(kind, left)| left > most[kind as usize]);
-    out.retain(|site| !near(&places, site.at, SPOILT) && !(is_poor(site) && near(&sure, site.at, SEEN)));
+    out.retain(|site| {
+        let has_seen = is_poor(site) && near(&sure, site.at, SEEN);
+        !has_seen && !near(&places, site.at, SPOILT)
+    });
     out.append(&mut kept);
     out
 }
