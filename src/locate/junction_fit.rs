@@ -66,7 +66,7 @@ pub(super) fn rough(
         view.samples(middle, wedge.origin, ROUGH, &mut seen, &mut samples);
         let fit = wedge.fit(&samples, &[], prior, Stage::Rough)?;
         wedge = fit.wedge.recentred(0.0);
-        let most = most[usize::from(narrowest(&wedge) > NARROW)];
+        let most = most[usize::from(wedge.narrowest().1 > NARROW)];
         if wedge.origin.length() > most || (pass == 1 && is_hopeless(&fit, prior, HOPELESS[0])) {
             return None;
         }
@@ -247,12 +247,7 @@ fn is_hopeless(fit: &WedgeFit<3, JUNCTION>, prior: &Prior<3>, times: f64) -> boo
 
 /// Radius of the window about a wedge, blur units: where its narrowest sector is wide enough for its material to be seen.
 fn wide(wedge: &Wedge<3, JUNCTION>) -> f64 {
-    (HALF_WIDTH / (0.5 * narrowest(wedge)).tan()).clamp(FULL, WIDEST)
-}
-
-/// The smallest angle of a sector.
-fn narrowest(wedge: &Wedge<3, JUNCTION>) -> f64 {
-    wedge.angles().into_iter().fold(f64::INFINITY, f64::min)
+    (HALF_WIDTH / (0.5 * wedge.narrowest().1).tan()).clamp(FULL, WIDEST)
 }
 
 /// Sectors narrower than this must be needed, radians: a blurred step between two materials passes the level of one
@@ -263,9 +258,8 @@ const EVIDENCE: f64 = 50.0;
 
 /// Whether the grey values show the narrowest sector: whether its two neighbours, meeting in one sheet in its place, explain them less.
 fn needs_all(fit: &WedgeFit<3, JUNCTION>, samples: &[Sample], prior: &Prior<3>) -> bool {
-    let angles = fit.wedge.angles();
-    let i = (0..3).fold(0, |least, i| if angles[i] < angles[least] { i } else { least });
-    if angles[i] > NARROW {
+    let (i, angle) = fit.wedge.narrowest();
+    if angle > NARROW {
         return true;
     }
     let (next, last) = ((i + 1) % 3, (i + 2) % 3);

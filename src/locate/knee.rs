@@ -40,7 +40,7 @@ pub(super) const TURN: usize = JUNCTION + 2;
 /// Standard deviation of the slope of the length: curves that part or meet faster have a corner here.
 const SLOPES: f64 = 0.3;
 /// Bends nearer than the first or farther than the second are not looked for, blur units.
-pub(super) const LENGTHS: [f64; 2] = [0.6, 5.5];
+const LENGTHS: [f64; 2] = [0.6, 5.5];
 /// Turns by less than the first or more than the second neither, radians.
 const TURNS: [f64; 2] = [0.35, 2.8];
 /// The bent sheet may run towards the next by no more than this, radians.
@@ -99,8 +99,8 @@ struct Sheet {
     /// Signed distance, and the distance of the nearest point that it has.
     off: f64,
     away: f64,
-    /// Its normal in the section.
-    normal: DVec2,
+    /// Its unit normal in space.
+    normal: DVec3,
     /// Place along it, from the apex or the bend.
     along: f64,
 }
@@ -197,7 +197,6 @@ impl Knee {
             problem.most[p] = 0.4;
         }
         problem.prior[SLOPE] = (0.0, SLOPES);
-        problem.active[SLOPE] = stage != Stage::Rough;
         problem.active[Places::<3>::K + ray] = false;
         let batches = Batches::new(samples);
         let model = Blurred {
@@ -283,10 +282,7 @@ impl Knee {
         let end = self.length(section.z);
         std::array::from_fn(|k| {
             if k < 3 {
-                let (off, along, _) = wedge.sheet_of(k, section);
-                let u = wedge.ray(k, section.z);
-                let ahead = along.max(0.0);
-                let normal = u.perp() - u * (wedge.x[Places::<3>::K + k] * ahead);
+                let (off, along, normal) = wedge.sheet_of(k, section);
                 let end = if k == self.ray { end } else { f64::INFINITY };
                 let beside = (along - along.clamp(0.0, end)).abs();
                 return Sheet { ray: k, beyond: false, off, away: off.hypot(beside), normal, along };
@@ -295,7 +291,7 @@ impl Knee {
             let turned = DVec2::from_angle(self.turn());
             let (along, off) = (turned.dot(from), turned.perp_dot(from));
             let u = wedge.ray(self.ray, section.z);
-            let normal = turned.rotate(u).perp();
+            let normal = wedge.in_space(turned.rotate(u).perp(), section.z);
             Sheet { ray: self.ray, beyond: true, off, away: off.hypot(along.min(0.0)), normal, along }
         })
     }
@@ -325,7 +321,7 @@ impl Knee {
     ) -> Option<Passage> {
         let section = self.wedge.section(at);
         let (sheet, along) = self.nearest_sheet(materials, pair, section)?;
-        let passage = Passage { distance: sheet.off, normal: self.wedge.in_space(sheet.normal, section.z) };
+        let passage = Passage { distance: sheet.off, normal: sheet.normal };
         Some(if along { passage } else { passage.reversed() })
     }
 
@@ -377,8 +373,7 @@ impl KneeFit {
         row[LENGTH] = -turned.y;
         row[SLOPE] = -turned.y * z;
         row[TURN] = along;
-        let g = SVector::from(row);
-        (g.transpose() * self.fit.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
+        self.fit.sigma_of(row)
     }
 
     /// The point of the interface between two materials nearest to a place, at least `margin` away from the junction curve, and its
@@ -398,7 +393,7 @@ impl KneeFit {
         for _ in 0..3 {
             let section = wedge.section(on);
             found = knee.sheets(section)[if found.beyond { 3 } else { found.ray }];
-            on -= wedge.in_space(found.normal, section.z) * found.off;
+            on -= found.normal * found.off;
             let end = knee.length(section.z);
             let (least, most) = match (found.beyond, found.ray == knee.ray) {
                 (true, _) => (0.0, f64::INFINITY),

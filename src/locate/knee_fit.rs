@@ -26,7 +26,7 @@ use super::knee::{KNEED, Knee, KneeFit, LENGTH, SLOPE, TURN};
 use super::sheet::Sample;
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{BLURRED, JUNCTION, Places, Stage, Wedge, is_in_order};
+use super::wedge::{BLURRED, JUNCTION, Places, Stage, Wedge, by_noise, is_in_order};
 
 /// Voxels within these distances of the junction curve and of the bend are fitted, blur units, and so far along.
 const WINDOW: [f64; 2] = [4.2, 3.4];
@@ -132,25 +132,18 @@ fn starts(wedge: &Wedge<3, JUNCTION>, ray: usize, turn: f64) -> impl Iterator<It
     })
 }
 
-/// The narrowest sector, and its angle.
-fn narrowest(fit: &KneeFit) -> (usize, f64) {
-    let angles = fit.knee.wedge.angles();
-    let i = (1..3).fold(0, |least, i| if angles[i] < angles[least] { i } else { least });
-    (i, angles[i])
-}
-
 fn is_open(fit: &KneeFit) -> bool {
-    narrowest(fit).1 > NARROWEST
+    fit.knee.wedge.narrowest().1 > NARROWEST
 }
 
 /// The knee with curve and bend changed about, if a sector beside the bend is narrower than this.
 fn turned_over(fit: &KneeFit, below: f64) -> Option<Knee> {
-    let (narrow, angle) = narrowest(fit);
+    let (narrow, angle) = fit.knee.wedge.narrowest();
     if angle < below { fit.knee.turned_over(narrow) } else { None }
 }
 
 /// The fit from a knee about the middle of a window, if it is accepted.
-pub(super) fn fit_knee(view: &View<'_>, asked: &Asked<'_>, knee: &Knee) -> Option<Site> {
+fn fit_knee(view: &View<'_>, asked: &Asked<'_>, knee: &Knee) -> Option<Site> {
     let (middle, most) = asked.place;
     let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
     let mut knee = knee.clone();
@@ -218,7 +211,7 @@ fn is_accepted(fit: &KneeFit, straight: f64, asked: &Asked<'_>) -> bool {
         && wedge.point(0.0).length() <= asked.place.1
         // Where misfits of the scan are large, by what the fit itself leaves.
         && sigmas.iter().zip(UNSURE).all(|(s, most)| s * reduced.sqrt().min(1.0) < most)
-        && reduced < slack * (1.0 + 7.0 * (2.0 / found.samples as f64).sqrt())
+        && reduced < by_noise(found.samples, slack)
         && wedge.x[SLOPE].abs() < STEEPEST
         && wedge.x[TURN].abs() < SHARPEST
         && straight - found.fit.chi2 > EVIDENCE * reduced

@@ -63,14 +63,24 @@ impl Site {
     /// The material at a place.
     #[must_use]
     pub fn material(&self, at: DVec3) -> MaterialId {
-        with_model!(self, fit => self.materials[fit.wedge.sector(at)], knee => self.materials[knee.knee.sector(at)], corner => corner.material(at))
+        with_model!(
+            self,
+            fit => self.materials[fit.wedge.sector(at)],
+            knee => self.materials[knee.knee.sector(at)],
+            corner => corner.material(at)
+        )
     }
 
     /// The interface between two of its materials near a place; `None` if they do not meet here. Behind the
     /// curve sheets do not go on.
     #[must_use]
     pub fn passage(&self, pair: [MaterialId; 2], at: DVec3) -> Option<Passage> {
-        with_model!(self, fit => passage(fit, &self.materials, pair, at), knee => knee.knee.passage(&self.materials, pair, at), corner => corner.passage(pair, at))
+        with_model!(
+            self,
+            fit => passage(fit, &self.materials, pair, at),
+            knee => knee.knee.passage(&self.materials, pair, at),
+            corner => corner.passage(pair, at)
+        )
     }
 
     /// Standard deviation of the place of that interface along its normal, for white noise.
@@ -162,7 +172,12 @@ impl Site {
     /// for corners.
     #[must_use]
     pub fn on_sheet(&self, pair: [MaterialId; 2], at: DVec3, margin: f64) -> Option<(DVec3, f64)> {
-        with_model!(self, fit => on_sheet(fit, &self.materials, pair, at, margin), knee => knee.on_sheet(&self.materials, pair, at, margin), _corner => None)
+        with_model!(
+            self,
+            fit => on_sheet(fit, &self.materials, pair, at, margin),
+            knee => knee.on_sheet(&self.materials, pair, at, margin),
+            _corner => None
+        )
     }
 }
 

@@ -309,12 +309,19 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
         })
     }
 
+    /// The narrowest sector, and its angle.
+    #[must_use]
+    pub(super) fn narrowest(&self) -> (usize, f64) {
+        let angles = self.angles();
+        let i = (1..R).fold(0, |least, i| if angles[i] < angles[least] { i } else { least });
+        (i, angles[i])
+    }
+
     /// How far from the curve its narrowest sector is narrower than what labels and single sheets need, blur units; no farther than
     /// a fit sees.
     #[must_use]
     pub fn blind(&self) -> f64 {
-        let narrowest = self.angles().into_iter().fold(f64::INFINITY, f64::min);
-        (0.5 * WIDTH / (0.5 * narrowest).tan()).min(MOST_BLIND)
+        (0.5 * WIDTH / (0.5 * self.narrowest().1).tan()).min(MOST_BLIND)
     }
 
     /// Whether a place lies in the narrowest sector or within `beside` of it, blur units.
@@ -325,8 +332,7 @@ impl<const R: usize, const N: usize> Wedge<R, N> {
 
     /// The same of a point in this section.
     pub(super) fn is_narrow_of(&self, at: Section, beside: f64) -> bool {
-        let angles = self.angles();
-        let i = (1..R).fold(0, |m, i| if angles[i] < angles[m] { i } else { m });
+        let (i, _) = self.narrowest();
         let ((after, c, _), (before, d, _)) = (self.sheet_of(i, at), self.sheet_of((i + 1) % R, at));
         c.max(d) > 0.0 && after > -beside && before < beside
     }
@@ -472,7 +478,12 @@ impl<const R: usize, const N: usize> WedgeFit<R, N> {
         let Section { r, z } = self.wedge.section(at);
         let u = self.wedge.ray(i, z);
         let c = u.dot(r).max(0.0);
-        let g = SVector::from(sheet_slopes::<R, N>(i, u, c, z, 1.0));
+        self.sigma_of(sheet_slopes::<R, N>(i, u, c, z, 1.0))
+    }
+
+    /// Standard deviation of what changes so much with each parameter.
+    pub(super) fn sigma_of(&self, slopes: [f64; N]) -> f64 {
+        let g = SVector::from(slopes);
         (g.transpose() * self.fit.covariance * g)[(0, 0)].max(0.0).sqrt()
     }
 
@@ -529,10 +540,14 @@ pub(super) fn is_explained(reduced: f64, samples: usize, reading: &Reading, cont
     reduced < most_reduced(samples, reading, contrast)
 }
 
+/// The misfit per sample that noise may leave, with this slack for the scan's worse interfaces.
+pub(super) fn by_noise(samples: usize, slack: f64) -> f64 {
+    slack * (1.0 + 7.0 * (2.0 / samples as f64).sqrt())
+}
+
 /// The misfit per sample that may be left.
 pub(super) fn most_reduced(samples: usize, reading: &Reading, contrast: f64) -> f64 {
-    let by_noise = reading.slack * (1.0 + 7.0 * (2.0 / samples as f64).sqrt());
-    by_noise.max((RESIDUAL * contrast / reading.noise).powi(2))
+    by_noise(samples, reading.slack).max((RESIDUAL * contrast / reading.noise).powi(2))
 }
 
 /// Residuals up to this share of the contrast are the model's: with little noise they would be seen.
