@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn clipped_grey_values_tell_that_the_truth_is_beyond_and_no_more() {
         let sample = |grey: f64| Sample { at: glam::DVec3::ZERO, grey };
-        let clipped = Reading { noise: 1.0, clip: [0.0, 255.0], slack: 1.0 };
+        let clipped = Reading { noise: 1.0, white: 1.0, clip: [0.0, 255.0], slack: 1.0 };
         let chi2 = |level: f32, grey: f64| {
             let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; 2] };
             assemble(&Line([level, 0.0]), &Batches::new(&[sample(grey)]), &clipped, &mut e)

@@ -8,6 +8,7 @@ use glam::{DMat3, DVec3};
 use super::flanks::FlatIndex;
 use super::patches::Flat;
 use super::view::View;
+use crate::grid::MaterialId;
 
 /// Patches are looked for within this distance of a place, blur units.
 const AROUND: f64 = 10.5;
@@ -91,6 +92,14 @@ impl Plane<'_> {
     }
 }
 
+/// From which uncertainty of their forms on patches of each pair are poor: interfaces of small contrast are all less certain than those of large
+/// contrast beside them.
+fn poor_of<'a>(flats: impl Iterator<Item = &'a Flat>) -> Vec<([MaterialId; 2], f64)> {
+    let mut spread: Vec<([MaterialId; 2], f64)> = flats.map(|flat| (flat.pair, flat.form_sigma)).collect();
+    spread.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    spread.chunk_by(|a, b| a.0 == b.0).map(|own| (own[0].0, POOR * own[own.len() / 2].1)).collect()
+}
+
 /// The planes that patches show around `centre` (voxels), those with most patches first.
 pub(super) fn planes_about<'a>(view: &View<'_>, flats: &'a FlatIndex, centre: DVec3) -> Vec<Plane<'a>> {
     let reach = view.units.voxel(DVec3::splat(AROUND)).max_element();
@@ -112,11 +121,11 @@ pub(super) fn planes_about<'a>(view: &View<'_>, flats: &'a FlatIndex, centre: DV
             .unwrap_or(a.2.pair.cmp(&b.2.pair))
     });
     near.truncate(NEAR);
-    let mut spread: Vec<f64> = near.iter().map(|f| f.2.form_sigma).collect();
-    spread.sort_unstable_by(f64::total_cmp);
-    let poor = POOR * spread.get(spread.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let poor = poor_of(near.iter().map(|f| f.2));
+    let is_poor = |flat: &Flat| flat.form_sigma > poor.iter().find(|p| p.0 == flat.pair).map_or(0.0, |p| p.1);
     // Those that are well known first: planes form about them.
-    near.sort_by_key(|f| f.2.form_sigma > poor);
+    near.sort_by_key(|f| is_poor(f.2));
+    let best = poor.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
     let mut planes: Vec<Plane<'a>> = Vec::new();
     for (_, at, flat) in near {
         let n = flat.normal;
@@ -129,10 +138,10 @@ pub(super) fn planes_about<'a>(view: &View<'_>, flats: &'a FlatIndex, centre: DV
         let foot = at + along + n * (0.5 * along.dot(turned));
         let normal = (n - turned).normalize();
         let offset = normal.dot(foot);
-        let known = (poor / flat.form_sigma.max(1e-9)).min(4.0).powi(2);
+        let known = (best / flat.form_sigma.max(1e-9)).min(4.0).powi(2);
         let weight = known / (1.0 + 0.1 * along.length_squared()).powi(2);
         let same = planes.iter().position(|p| p.is_that_of(normal, offset));
-        if same.is_none() && flat.form_sigma > poor {
+        if same.is_none() && is_poor(flat) {
             continue;
         }
         let i = same.unwrap_or_else(|| {
@@ -153,4 +162,27 @@ pub(super) fn planes_about<'a>(view: &View<'_>, flats: &'a FlatIndex, centre: DV
     planes.sort_by_key(|p| std::cmp::Reverse(p.parts.len()));
     planes.truncate(MOST);
     planes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patches_of_small_contrast_are_poor_among_their_own_only() {
+        let flat = |pair: [u8; 2], form_sigma: f64| Flat {
+            pair: pair.map(MaterialId),
+            at: DVec3::ZERO,
+            normal: DVec3::Z,
+            sigma: 0.01,
+            curvature: 0.0,
+            form: DMat3::ZERO,
+            form_sigma,
+        };
+        // Iron in air is known five times as well as aluminium in air.
+        let mut flats = vec![flat([0, 2], 0.001); 9];
+        flats.extend([0.004, 0.005, 0.006, 0.02].map(|sigma| flat([0, 1], sigma)));
+        let poor = poor_of(flats.iter());
+        assert_eq!(poor, [([0, 1].map(MaterialId), POOR * 0.006), ([0, 2].map(MaterialId), POOR * 0.001)]);
+    }
 }

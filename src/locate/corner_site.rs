@@ -121,6 +121,15 @@ impl CornerSite {
         }
     }
 
+    /// Misfit per sample.
+    #[must_use]
+    pub(super) fn reduced(&self) -> f64 {
+        match &self.shape {
+            Shape::Planes(fit) => fit.reduced(),
+            Shape::Cones(fit) => fit.reduced(),
+        }
+    }
+
     fn sheet_sigma(&self, sheet: [usize; 2], at: DVec3) -> f64 {
         match &self.shape {
             Shape::Planes(fit) => fit.plane_sigma(sheet[0], at),

@@ -301,10 +301,14 @@ impl Window {
         self.materials.len() == 2 && wrong.count() > MOST_WRONG
     }
 
+    /// Whether a fit leaves no more than noise and the scan's misfits.
+    fn explains(&self, fit: &CornerFit) -> bool {
+        is_explained(fit.reduced(), fit.samples, &self.reading, self.contrast)
+    }
+
     /// Whether a fit may be taken.
     fn accepts(&self, found: &Found) -> bool {
         let fit = &found.fit;
-        let explained = is_explained(fit.reduced(), fit.samples, &self.reading, self.contrast);
         let lines = fit.corner.lines();
         let curves = lines.iter().filter(|l| l.kind != LineKind::None).count();
         let blunt = lines.iter().filter(|l| l.kind == LineKind::Edge).any(|l| {
@@ -312,7 +316,7 @@ impl Window {
             a.dot(b).abs() > BLUNT
         });
         found.is_sound(FULL)
-            && explained
+            && self.explains(fit)
             && curves >= 3
             && !blunt
             && fit.corner.is_complete()
@@ -385,10 +389,16 @@ fn fit<'a>(
             last = Some(found);
             continue;
         };
-        let found = window.find(&start, &window.agreeing(&before), false)?;
-        if found.fit.corner.apex.length() > FARTHEST || !window.accepts(&found) {
-            return None;
-        }
+        let is_taken = |found: &Found| found.fit.corner.apex.length() <= FARTHEST && window.accepts(found);
+        // Patches near a corner may be off by what they have seen of other sheets: then what the voxels alone have explained stands.
+        let alone = || {
+            let is_explained = window.explains(&before);
+            is_explained
+                .then(|| corner_starts::alone(&before.corner, &window.samples, &window.prior))
+                .flatten()
+        };
+        let with_patches = window.find(&start, &window.agreeing(&before), false);
+        let found = with_patches.filter(is_taken).or_else(|| alone().filter(is_taken))?;
         let materials = std::array::from_fn(|m| window.materials[m.min(window.materials.len() - 1)]);
         let apex = middle + view.units.voxel(found.fit.corner.apex);
         let corner = CornerSite::new(Shape::Planes(Box::new(found.fit)), materials);

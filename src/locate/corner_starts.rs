@@ -221,6 +221,13 @@ pub(super) fn find(
     Start::new(planes, samples, labels, prior)?.find(samples, anchors, prior, hopeless, f64::INFINITY, false)
 }
 
+/// The fit of a corner, as it is known so far, to grey values alone.
+pub(super) fn alone(corner: &Corner, samples: &Batches, prior: &CornerPrior) -> Option<Found> {
+    let fit = corner.fit(samples, &[], prior, FINAL)?;
+    let margin = margin(&fit.corner, samples, prior);
+    Some(Found { fit, margin })
+}
+
 impl Start {
     /// Whether the materials that labels say make a corner.
     pub(super) fn is_complete(&self) -> bool {

@@ -16,10 +16,10 @@ use rayon::prelude::*;
 use super::ball_model::fit_ball;
 use super::by_box::ByBox;
 use super::crossing_edges::differing_from;
-use super::flanks::{FlatIndex, flanks_of};
+use super::flanks::{self, FlatIndex, flanks_of};
 use super::junction_fit::STILL;
 use super::patches::{Flat, Rough};
-use super::sheet::{LevelPrior, Sample};
+use super::sheet::{LevelPrior, Reading, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{BLURRED, EDGE, Flank, Prior, Section, Stage, Wedge, WedgeFit};
@@ -50,6 +50,11 @@ const UNSURE: f64 = 0.3;
 const HOPELESS: f64 = 0.06;
 /// The edge may lie this far from its seed, blur units.
 const FARTHEST: f64 = 3.5;
+
+/// Edges that turn by more than this are no part of a rounding, radians.
+const SHARP: f64 = 0.8;
+/// Where all that clean interfaces miss a blurred step by is physics and not noise, sharp edges may leave so many times as much more.
+const MISFIT: f64 = 4.0;
 
 /// Fits the sharp edges at seeds; those whose box begins in the slices `core`.
 #[must_use]
@@ -334,7 +339,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
     let (mut seen, mut samples): (Vec<Seen>, Vec<Sample>) = (Vec::new(), Vec::new());
     let mut on: Vec<Flank> = Vec::new();
     let mut is_again = false;
-    let (fit, from) = loop {
+    let (fit, from, prior) = loop {
         let from = wedge.origin;
         view.samples(seed.at, from, FULL + BLURRED[0], &mut seen, &mut samples);
         // A third material, or another part, is none of the edge's.
@@ -354,7 +359,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
         if samples.len() < FEWEST_VOXELS {
             return None;
         }
-        let bends = flanks_of(view, flats, seed.at, &wedge, &materials, &mut on);
+        let bends = flanks_of(view, flats, seed.at, &wedge, &materials, flanks::FARTHEST, &mut on);
         let prior = Prior { bends, ..prior };
         let planar = wedge.fit(&samples, &on, &prior, Stage::Planar)?;
         if planar.reduced().sqrt() * reading.noise > HOPELESS * contrast {
@@ -362,7 +367,7 @@ fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
         }
         let best = planar.or_curved(&samples, &on, &prior);
         if is_again || best.wedge.apex(0.0).length() <= STILL {
-            break (best, from);
+            break (best, from, prior);
         }
         wedge = best.wedge.recentred(0.0);
         if wedge.origin.length() > FARTHEST {
@@ -372,17 +377,24 @@ fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
     };
     let angle = fit.wedge.angles()[0];
     let turn = (angle - std::f64::consts::PI).abs();
+    // Roundings turn little where they are explained; an edge that patches show on both sides may leave what physics does to a scan.
+    let is_sharp = turn > SHARP;
+    let is_shown = (0..2).all(|i| on.iter().any(|flank| flank.ray == i));
+    let physics = 1.0 - (reading.white / reading.noise).powi(2);
+    let allowed = match is_sharp && is_shown {
+        true => Reading { slack: reading.slack * (1.0 + MISFIT * physics), ..reading },
+        false => reading,
+    };
     let accepted = fit.wedge.apex(0.0).length() < 1.0
         && fit.wedge.point(0.0).length() <= FARTHEST
         && fit.apex_sigma(0.0)[1] < UNSURE
-        && fit.explains(&reading, contrast)
+        && fit.explains(&allowed, contrast)
         && turn > 0.35
         && turn < 2.8
         && fit.wedge.sigma().ln().abs() < 2.5 * SIGMA;
     if !accepted {
         return None;
     }
-    let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
     // Labels must agree in the window, or another sheet is there: across a gap the edge of the other block may go on.
     let wrong = seen
         .iter()
@@ -392,6 +404,8 @@ fn fit(view: &View<'_>, flats: &FlatIndex, start: &Start) -> Option<Site> {
     if wrong > MOST_WRONG || is_ball(&fit, &samples, &prior) {
         return None;
     }
+    let fit = if is_sharp { fit.steadied(view, flats, seed.at, &materials, &samples, &prior) } else { fit };
+    let at = seed.at + view.units.voxel(fit.wedge.point(0.0));
     Some(Site {
         middle: seed.at,
         at,

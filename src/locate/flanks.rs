@@ -10,8 +10,8 @@ use crate::grid::MaterialId;
 
 /// Patches are taken from so far from the curve on, blur units: nearer they see the third material.
 const NEAREST: f64 = 3.2;
-/// And no farther than this, or than a wedge's curvature is good for.
-const FARTHEST: f64 = 6.5;
+/// And no farther than this, or than a wedge's curvature is good for, where its own window is explained.
+pub(super) const FARTHEST: f64 = 6.5;
 /// Farthest along the curve.
 const ALONG: f64 = 3.0;
 /// How far from the sheet as it stands a patch may lie, in blur units per unit of distance from the curve.
@@ -92,7 +92,7 @@ impl FlatIndex {
 /// Curvatures are taken over with at least this standard deviation: they may change towards the curve.
 const BEND: f64 = 0.02;
 
-/// The places that patches give on the sheets of a wedge about `middle`, and the sheets' curvatures across the
+/// The places that patches give on the sheets of a wedge about `middle` up to `farthest` from its curve, and the sheets' curvatures across the
 /// curve with standard deviations.
 pub(super) fn flanks_of<const R: usize, const N: usize>(
     view: &View<'_>,
@@ -100,17 +100,18 @@ pub(super) fn flanks_of<const R: usize, const N: usize>(
     middle: DVec3,
     wedge: &Wedge<R, N>,
     materials: &[MaterialId],
+    farthest: f64,
     out: &mut Vec<Flank>,
 ) -> [Option<(f64, f64)>; R] {
     out.clear();
     let rays = wedge.rays(0.0);
     // Weighted sums of curvature, of weights.
     let mut bends = [[0.0f64; 2]; R];
-    let reach = view.units.voxel(DVec3::splat(FARTHEST + 1.0)).max_element();
+    let reach = view.units.voxel(DVec3::splat(farthest + 1.0)).max_element();
     for flat in flats.near(middle + view.units.voxel(wedge.origin), reach) {
         let at = view.units.of(flat.at - middle);
         let section = wedge.section(at);
-        if !(NEAREST..=FARTHEST).contains(&section.r.length()) || section.z.abs() > ALONG {
+        if !(NEAREST..=farthest).contains(&section.r.length()) || section.z.abs() > ALONG {
             continue;
         }
         for i in 0..R {

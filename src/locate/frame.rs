@@ -13,6 +13,12 @@ pub struct BlurUnits {
 }
 
 impl BlurUnits {
+    /// How many voxels a cube of one blur unit has.
+    #[must_use]
+    pub fn density(&self) -> f64 {
+        1.0 / self.per_voxel.element_product()
+    }
+
     /// For a blur of `sigma` voxels along each axis, all positive.
     #[must_use]
     pub fn new(sigma: [f64; 3]) -> Self {

@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::flanks::{FlatIndex, flanks_of};
+use super::flanks::{self, FlatIndex, flanks_of};
 use super::knee_fit::find_knee;
 use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
@@ -155,6 +155,7 @@ fn accepted(view: &View<'_>, asked: &Asked<'_>, found: Finished) -> Option<Site>
     if !accepted || !needs_all(&fit, &samples, &prior) {
         return None;
     }
+    let fit = fit.steadied(view, asked.flats, middle, &asked.materials, &samples, &prior);
     let at = middle + view.units.voxel(fit.wedge.point(0.0));
     Some(Site { middle, at, materials: asked.materials, model: Model::Junction(Box::new(fit)) })
 }
@@ -219,7 +220,7 @@ fn fit_within(
         if samples.len() < FEWEST {
             return None;
         }
-        let bends = flanks_of(view, flats, middle, &wedge, materials, &mut on);
+        let bends = flanks_of(view, flats, middle, &wedge, materials, flanks::FARTHEST, &mut on);
         let prior = Prior { bends, ..*prior };
         let planar = wedge.fit(&samples, &on, &prior, Stage::Planar)?;
         if is_hopeless(&planar, &prior, HOPELESS[1]) {

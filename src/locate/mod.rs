@@ -70,6 +70,7 @@ mod site;
 mod sites;
 mod slab_model;
 mod specks;
+mod steadied;
 mod thin;
 mod thin_faces;
 mod thin_levels;

@@ -90,8 +90,8 @@ pub fn find_sheets(view: &View<'_>, junctions: &Sites, core: Range<usize>) -> Sh
 }
 
 /// Patches are asked about within this distance of junctions and rough blocks, blur units: a wedge lies within 5 of its
-/// seed, its flanks within 7.5 of it. Others need not be kept: they follow the whole surface.
-const ASKED: f64 = 13.0;
+/// seed, its flanks within 7.5 of it, within 12 where the scan does not show more (`steadied`). Others need not be kept: they follow the whole surface.
+const ASKED: f64 = 18.0;
 
 /// What is near to some places.
 struct Neighbourhood {

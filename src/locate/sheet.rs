@@ -45,6 +45,8 @@ pub struct LevelPrior {
 pub struct Reading {
     /// Its standard deviation.
     pub noise: f64,
+    /// The same well inside of the materials, where nothing but noise is.
+    pub white: f64,
     /// The lowest and the highest value there can be: at these ends it says only that the truth is no nearer.
     pub clip: [f64; 2],
     /// How many times the squared deviations that `noise` makes the scan shows at its worse interfaces, 1 or more: streaks are
@@ -56,7 +58,7 @@ impl Reading {
     /// Of grey values without an end, with noise of this standard deviation alone.
     #[must_use]
     pub fn unclipped(noise: f64) -> Self {
-        Self { noise, clip: [f64::NEG_INFINITY, f64::INFINITY], slack: 1.0 }
+        Self { noise, white: noise, clip: [f64::NEG_INFINITY, f64::INFINITY], slack: 1.0 }
     }
 }
 

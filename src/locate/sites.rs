@@ -187,19 +187,20 @@ fn usual(sites: &[Site], kind: CurveKind) -> f64 {
     left.get(left.len() / 2).copied().unwrap_or(f64::INFINITY)
 }
 
-/// Of several fits of a corner the surest, and no fits of curves beside corners.
+/// Of several fits of a corner one that is sure and explains the grey values, and no fits of curves beside corners.
 fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
     let (corners, mut out): (Vec<Site>, Vec<Site>) =
         sites.into_iter().partition(|site| matches!(site.model, Model::Corner(_)));
+    // What explains more counts for more: the wrong one of two may be the surer.
     let mut corners: Vec<(f64, Site)> = corners
         .into_iter()
         .map(|site| {
             let Model::Corner(corner) = &site.model else { return (f64::INFINITY, site) };
-            (corner.apex_sigma(), site)
+            (corner.apex_sigma() * corner.reduced().powi(2), site)
         })
         .collect();
     corners.sort_by(|a, b| {
-        let key = |c: &(f64, Site)| [c.0, c.1.at.z, c.1.at.y, c.1.at.x];
+        let key = |(rank, site): &(f64, Site)| [*rank, site.at.z, site.at.y, site.at.x];
         let order = key(a).into_iter().zip(key(b)).map(|(x, y)| x.total_cmp(&y)).find(|o| o.is_ne());
         order.unwrap_or(std::cmp::Ordering::Equal)
     });
@@ -210,10 +211,11 @@ fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
         places.near((), at).any(|other| units.of(other - at).length() < reach)
     };
     let mut kept = Vec::new();
-    for (sigma, site) in corners {
+    let is_sure = |site: &Site| matches!(&site.model, Model::Corner(corner) if corner.apex_sigma() < SURE);
+    for (_, site) in corners {
         if !near(&places, site.at, SAME) {
             places.insert((), site.at, site.at);
-            if sigma < SURE {
+            if is_sure(&site) {
                 sure.insert((), site.at, site.at);
             }
             kept.push(site);

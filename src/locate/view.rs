@@ -232,6 +232,6 @@ impl View<'_> {
             }
         }
         let off = (sum / f64::from(pairs.max(1))).sqrt().hypot((ends[1] - ends[0]) * model);
-        Reading { noise: noise.sqrt().hypot(off), clip: scan.clip, slack }
+        Reading { noise: noise.sqrt().hypot(off), white: noise.sqrt(), clip: scan.clip, slack }
     }
 }
