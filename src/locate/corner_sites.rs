@@ -27,7 +27,7 @@ use super::patches::Rough;
 use super::sheet::{LevelPrior, Reading, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
-use super::wedge::{RESIDUAL, is_explained};
+use super::wedge::{BLURRED, RESIDUAL, is_explained};
 use crate::grid::MaterialId;
 
 /// Planes meet within this distance of a seed, blur units.
@@ -82,6 +82,9 @@ const SEEDS: f64 = 3.0;
 /// A label contradicts a corner if its voxel lies farther than this from all planes, blur units; so many may.
 const WRONG: f64 = 1.3;
 const MOST_WRONG: usize = 2;
+/// Labels nearer to the apex than this that contradict a first fit may be wrong; if they contradict it nearer than the second, it is no such
+/// corner; blur units.
+const OTHERS: [f64; 2] = [2.5, 3.6];
 /// Fewest voxels with a label for its material to count.
 const FEWEST: usize = 3;
 
@@ -200,8 +203,8 @@ fn starts<'a>(view: &View<'_>, flats: &'a FlatIndex, seed: DVec3) -> Vec<Start<'
 /// What a corner is fitted with, about `middle`.
 struct Window {
     samples: Batches,
-    /// Where they lie, blur units from the middle.
-    places: Vec<DVec3>,
+    /// The same one by one, blur units from the middle.
+    voxels: Vec<Sample>,
     /// Materials by the numbers that labels have here.
     materials: Vec<MaterialId>,
     labels: Vec<u8>,
@@ -260,9 +263,34 @@ impl Window {
         };
         let anchors = (0..3).flat_map(planes_of).collect();
         let planes = planes.map(|p| (p.point(), p.normal));
-        let places = samples.iter().map(|s| s.at).collect();
-        let samples = Batches::new(&samples);
-        Some(Self { samples, places, materials, labels, reading, prior, anchors, planes, contrast })
+        let voxels = samples;
+        let samples = Batches::new(&voxels);
+        Some(Self { samples, voxels, materials, labels, reading, prior, anchors, planes, contrast })
+    }
+
+    /// Leaves out what other sheets reach that a corner about the window's middle does not have, such as that of a ledge's edge: they are
+    /// where certain labels contradict the corner.
+    fn leave_others(&mut self, view: &View<'_>, middle: DVec3, corner: &Corner) {
+        let mut seen: Vec<Seen> = Vec::new();
+        view.ball(middle, FULL + BLURRED[1], &mut seen);
+        let others: Vec<(DVec3, f64)> = seen
+            .iter()
+            .filter(|s| !s.uncertain && s.sample.at.length() > OTHERS[0])
+            .filter(|s| {
+                let own = self.materials.binary_search(&s.label).ok();
+                let is_own = own.is_some_and(|own| usize::from(corner.material(s.sample.at)) == own);
+                !is_own && (own.is_none() || (0..3).all(|i| corner.distance(i, s.sample.at).abs() > WRONG))
+            })
+            .map(|s| (s.sample.at, BLURRED[usize::from(!self.materials.contains(&s.label))]))
+            .collect();
+        let within = others.iter().filter(|(at, _)| at.length() < OTHERS[1]).count();
+        if within > MOST_WRONG || others.len() <= MOST_WRONG {
+            return;
+        }
+        let is_clear = |at: DVec3| others.iter().all(|(p, reach)| p.distance_squared(at) > reach * reach);
+        let kept = self.voxels.iter().zip(&self.labels).filter(|(voxel, _)| is_clear(voxel.at));
+        (self.voxels, self.labels) = kept.map(|(voxel, label)| (*voxel, *label)).unzip();
+        self.samples = Batches::new(&self.voxels);
     }
 
     fn start(&self) -> Option<corner_starts::Start> {
@@ -295,8 +323,8 @@ impl Window {
     /// Whether labels of two materials contradict a corner away from its planes: another sheet is there, such as that of another
     /// block across a gap. (Where more materials meet, labels are not that certain.)
     fn is_contradicted(&self, corner: &Corner) -> bool {
-        let wrong = self.places.iter().zip(&self.labels).filter(|(at, label)| {
-            corner.material(**at) != **label && (0..3).all(|i| corner.distance(i, **at).abs() > WRONG)
+        let wrong = self.voxels.iter().zip(&self.labels).filter(|(voxel, label)| {
+            corner.material(voxel.at) != **label && (0..3).all(|i| corner.distance(i, voxel.at).abs() > WRONG)
         });
         self.materials.len() == 2 && wrong.count() > MOST_WRONG
     }
@@ -369,7 +397,13 @@ fn fit<'a>(
     let mut last: Option<CornerFit> = None;
     loop {
         let (planes, _) = planes_of(view, flats, at, kept, middle)?;
-        let window = Window::new(view, middle, planes.each_ref())?;
+        let mut window = Window::new(view, middle, planes.each_ref())?;
+        // Where four materials meet, what three planes contradict is more likely a sheet of the point's own.
+        if let Some(before) = &last
+            && window.materials.len() < MATERIALS
+        {
+            window.leave_others(view, middle, &before.corner);
+        }
         let start = window.start()?;
         // From the voxels alone, then with the patches that agree.
         let Some(before) = last else {
