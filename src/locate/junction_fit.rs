@@ -14,7 +14,7 @@ use super::sheet::{LevelPrior, Sample};
 use super::site::{Model, Site};
 use super::view::{Seen, View};
 use super::wedge::{
-    EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Section, Stage, Wedge, WedgeFit, most_reduced,
+    BLURRED, EDGE, Flank, JUNCTION, Prior, SMALLEST_ANGLE, Section, Stage, Wedge, WedgeFit, most_reduced,
 };
 use crate::grid::MaterialId;
 
@@ -25,6 +25,8 @@ const FULL: f64 = 4.2;
 /// the longer look that tells where a weak interface ends at a strong one.
 const ALONG: f64 = 5.0;
 const TURN: f64 = 0.5;
+/// But no farther around, other sheets included: a pass reads so much beyond where a curve may lie.
+const AROUND: f64 = 9.1;
 /// It reaches to where a narrow sector is at least twice this wide, but no farther than the second, blur units: where a
 /// material is narrower its grey value is not seen.
 const HALF_WIDTH: f64 = 2.1;
@@ -190,7 +192,9 @@ fn fit_within(
     loop {
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
         let (mut full, blind) = (wide(&wedge).min(widest), wedge.blind());
-        view.samples(middle, wedge.origin, full.hypot(along), &mut seen, &mut samples);
+        // And as far around it as blur reaches: others are told by their labels.
+        let around = (full + BLURRED[0]).hypot(along).min(AROUND);
+        view.samples(middle, wedge.origin, around, &mut seen, &mut samples);
         let sections: Vec<Section> = samples.iter().map(|s| wedge.section(s.at)).collect();
         // In a thin wall the sheet of its other side is near; and in the tip of a narrow sector labels are its neighbours'.
         let certain = |((s, _), at): &((&Seen, &Sample), &Section)| {
