@@ -397,7 +397,8 @@ def thin(found, out):
     out(f"| set, object, image | {' | '.join(TOOLS)} |")
     out("|---" * (1 + len(TOOLS)) + "|")
     for which in SETS:
-        objects = list(dict.fromkeys((r["object"], r["role"]) for c in range(len(CONDITIONS)) for r in found.get((which, c, "paper"), []) if r["role"] != "general"))
+        runs = [r for c in range(len(CONDITIONS)) for tool in TOOLS for r in found.get((which, c, tool), [])]
+        objects = list(dict.fromkeys((r["object"], r["role"]) for r in runs if r["role"] != "general"))
         for name, role in objects:
             for column, condition in enumerate(CONDITIONS):
                 cells = []
