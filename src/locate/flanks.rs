@@ -66,6 +66,11 @@ impl FlatIndex {
         Self { flats, boxes, low: [z[0], y[0]], height, rows }
     }
 
+    /// Whether no patches are known.
+    pub(super) fn is_empty(&self) -> bool {
+        self.flats.is_empty()
+    }
+
     /// The patches of a row of boxes between two along x.
     fn in_row(&self, [z, y]: [i32; 2], x: [i32; 2]) -> &[Flat] {
         let [z, y] = [z - self.low[0], y - self.low[1]].map(|c| usize::try_from(c).unwrap_or(usize::MAX));

@@ -192,8 +192,10 @@ fn fit_within(
     loop {
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
         let (mut full, blind) = (wide(&wedge).min(widest), wedge.blind());
-        // And as far around it as blur reaches: others are told by their labels.
-        let around = (full + BLURRED[0]).hypot(along).min(AROUND);
+        // And, once patches are known, as far around it as blur reaches, where labels tell others too. (Before, corners would start from labels
+        // of junctions that are accepted there: a corner of a small cube in a cube was lost.)
+        let beyond = if flats.is_empty() { 0.0 } else { BLURRED[0] };
+        let around = (full + beyond).hypot(along).min(AROUND);
         view.samples(middle, wedge.origin, around, &mut seen, &mut samples);
         let sections: Vec<Section> = samples.iter().map(|s| wedge.section(s.at)).collect();
         // In a thin wall the sheet of its other side is near; and in the tip of a narrow sector labels are its neighbours'.
