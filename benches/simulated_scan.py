@@ -55,6 +55,10 @@ def run(*command):
     return subprocess.run([str(word) for word in command], check=True, capture_output=True)
 
 
+def truth_of(volume):
+    return volume.with_suffix(".phantom.json")
+
+
 def header_and_samples(path):
     """A MetaImage's header, without what says of compression, and its samples."""
     data = path.read_bytes()
@@ -134,23 +138,25 @@ def scan(program, scene, rotation, seed, volume):
     radius = ["--fillet", 3 * FINE] if scene == "fillet" else []
     run(*common, "--out", fine, *sharp, *radius)
     header, _ = header_and_samples(volume)
+    # So far a phantom: stopped on the way, nothing must stand under the scan's name.
+    volume.unlink()
     _, greys = header_and_samples(fine)
     levels, labels = np.unique(greys, return_inverse=True)
     image = reconstructed(line_integrals(labels.reshape([SIZE * FINE] * 3), PARTS[len(levels)], seed))
     low, high = np.percentile(image, 0.01), image.max()
     samples = np.clip((image - low) / (high - low) * 60000, 0, 65535).astype("<u2")
-    volume.write_bytes(header + samples.tobytes())
-    fine.unlink()
+    fine.write_bytes(header + samples.tobytes())
+    fine.rename(volume)
+    truth_of(fine).unlink()
 
 
 def figures(program, volume, options):
     """What `compare` says of the mesh, or None."""
-    truth = volume.with_suffix("").with_suffix(".phantom.json")
     with tempfile.TemporaryDirectory() as scratch:
         out, report = Path(scratch) / "result", Path(scratch) / "figures.json"
         if subprocess.run([program, "extract", volume, "--out", out, "--quiet", *options], capture_output=True).returncode:
             return None
-        run(program, "compare", out / "assembly.ply", "--truth", truth, "--json", report)
+        run(program, "compare", out / "assembly.ply", "--truth", truth_of(volume), "--json", report)
         return json.loads(report.read_text())
 
 

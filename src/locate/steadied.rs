@@ -24,7 +24,7 @@ const TOGETHER: f64 = 3.0;
 const FARTHEST: f64 = 1.0;
 
 /// Patches up to this distance from the curve tell, blur units: farther than where they only help.
-pub(super) const REACH: f64 = 12.0;
+const REACH: f64 = 12.0;
 
 impl<const R: usize, const N: usize> WedgeFit<R, N> {
     /// The same wedge (about `middle`, voxels) with its window worth as much as the misfit that it leaves allows, if patches show two
