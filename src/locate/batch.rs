@@ -3,9 +3,7 @@
 //!
 //! Sums are made in eight lanes whatever the machine's width, so every machine gets the same bits.
 
-use nalgebra::SVector;
-
-use super::least_squares::Normal;
+use super::least_squares::{Normal, listed};
 use super::sheet::{Reading, Sample};
 
 /// Voxels of a batch.
@@ -122,7 +120,9 @@ pub(super) fn assemble<const N: usize>(
 
 /// Sums of products of rows, in lanes.
 pub(super) struct Sums<const N: usize> {
-    active: [bool; N],
+    /// The parameters that move, ascending, and how many they are.
+    active: [usize; N],
+    count: usize,
     matrix: [[[f32; LANES]; N]; N],
     right: [[f32; LANES]; N],
     chi2: [f32; LANES],
@@ -130,23 +130,29 @@ pub(super) struct Sums<const N: usize> {
 
 impl<const N: usize> Sums<N> {
     /// Of the parameters that move.
-    fn new(active: &[bool; N]) -> Self {
-        Self { active: *active, matrix: [[[0.0; LANES]; N]; N], right: [[0.0; LANES]; N], chi2: [0.0; LANES] }
+    fn new(moves: &[bool; N]) -> Self {
+        let mut active = [0; N];
+        let count = listed(moves, &mut active);
+        let (matrix, right) = ([[[0.0; LANES]; N]; N], [[0.0; LANES]; N]);
+        Self { active, count, matrix, right, chi2: [0.0; LANES] }
+    }
+
+    /// The parameters that move, ascending.
+    #[inline(always)]
+    fn active(&self) -> &[usize] {
+        &self.active[..self.count]
     }
 
     /// Adds a batch: its rows of the Jacobian, and its residuals.
     #[inline(always)]
     pub(super) fn add(&mut self, rows: &[Row; N], residuals: &Row) {
-        for i in 0..N {
-            if !self.active[i] {
-                continue;
+        let Self { active, count, matrix, right, .. } = self;
+        let active = &active[..*count];
+        for (n, &i) in active.iter().enumerate() {
+            for &j in &active[..=n] {
+                multiply(&rows[i], &rows[j], &mut matrix[i][j]);
             }
-            for j in 0..=i {
-                if self.active[j] {
-                    multiply(&rows[i], &rows[j], &mut self.matrix[i][j]);
-                }
-            }
-            multiply(&rows[i], residuals, &mut self.right[i]);
+            multiply(&rows[i], residuals, &mut right[i]);
         }
         multiply(residuals, residuals, &mut self.chi2);
     }
@@ -154,12 +160,12 @@ impl<const N: usize> Sums<N> {
     /// Adds the sums to the normal equations; returns that of squared residuals.
     fn finish(&self, equations: &mut Normal<N>) -> f64 {
         let sum = |lanes: &[f32; LANES]| lanes.iter().map(|v| f64::from(*v)).sum::<f64>();
-        for i in 0..N {
-            for j in 0..=i {
+        for (n, &i) in self.active().iter().enumerate() {
+            for &j in &self.active()[..=n] {
                 equations.matrix[(i, j)] += sum(&self.matrix[i][j]);
             }
+            equations.right[i] += sum(&self.right[i]);
         }
-        equations.right += SVector::from_fn(|i, _| sum(&self.right[i]));
         sum(&self.chi2)
     }
 }
@@ -182,7 +188,6 @@ pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::SMatrix;
 
     use super::*;
     use crate::locate::fixtures::{reading, window};
@@ -206,7 +211,7 @@ mod tests {
     fn sums_are_those_of_all_voxels_but_padding() {
         let samples = window(2.7, |p| p.y);
         assert!(samples.len() % BATCH > 0);
-        let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; 2] };
+        let mut e = Normal::new(&[true; 2]);
         let chi2 = assemble(&Line([0.5, -0.3]), &Batches::new(&samples), &reading(0.5), &mut e);
         let (mut matrix, mut right, mut expected) = ([0.0; 3], [0.0; 2], 0.0);
         for s in &samples {
@@ -229,7 +234,7 @@ mod tests {
         let sample = |grey: f64| Sample { at: glam::DVec3::ZERO, grey };
         let clipped = Reading { noise: 1.0, white: 1.0, clip: [0.0, 255.0], slack: 1.0 };
         let chi2 = |level: f32, grey: f64| {
-            let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; 2] };
+            let mut e = Normal::new(&[true; 2]);
             assemble(&Line([level, 0.0]), &Batches::new(&[sample(grey)]), &clipped, &mut e)
         };
         let none = |v: f64| v.abs() < 1e-6;

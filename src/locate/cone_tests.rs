@@ -4,7 +4,6 @@
 
 use super::super::corner_trials::{LEVELS, direction, gaussian, tilted, window};
 use super::*;
-use nalgebra::SMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -79,8 +78,7 @@ fn derivatives_are_those_of_the_prediction() {
             }
             let value = |x: &SVector<f64, CONE>| model.cone(x).0.blurred(at).expect("possible");
             // The residual is the value: right sides are its products with the row.
-            let mut equations =
-                Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; CONE] };
+            let mut equations = Normal::new(&[true; CONE]);
             model.normal_equations(&x, &mut equations);
             let row = equations.right / value(&x);
             for i in 0..CONE {

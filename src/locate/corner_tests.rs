@@ -6,7 +6,6 @@ use super::super::corner::LineKind;
 use super::super::orthant::tests::normals;
 use super::super::sheet::Sample;
 use super::*;
-use nalgebra::SMatrix;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -87,8 +86,7 @@ fn derivatives_are_those_of_the_prediction() {
             }
             let value = |x: &SVector<f64, CORNER>| model.corner(x).0.blurred(at);
             // The residual is the value: right sides are its products with the row.
-            let mut equations =
-                Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; CORNER] };
+            let mut equations = Normal::new(&[true; CORNER]);
             model.normal_equations(&x, &mut equations);
             let row = equations.right / value(&x);
             for i in 0..CORNER {

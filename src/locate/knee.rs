@@ -136,8 +136,7 @@ impl Knee {
     /// The misfit from here, without a step.
     #[must_use]
     pub(super) fn misfit(&self, samples: &Batches, reading: &Reading) -> f64 {
-        let mut equations =
-            Normal { matrix: nalgebra::SMatrix::zeros(), right: SVector::zeros(), active: [false; KNEED] };
+        let mut equations = Normal::new(&[false; KNEED]);
         let known = KnownKnee::new(self.wedge.origin, &self.wedge.axes, &self.wedge.x, self.ray);
         assemble(&known, samples, reading, &mut equations)
     }
@@ -171,7 +170,7 @@ impl Knee {
         Some(Self { wedge: Wedge { x, ..self.wedge.clone() }, ray: k })
     }
 
-    /// By how much a bend of a wedge's sheet `ray` at a length promises to lower its misfit.
+    /// By how much a bend of a wedge's sheet `ray` at a length promises to lower its misfit, beside what the wedge itself can do.
     #[must_use]
     pub(super) fn promise(
         wedge: &Wedge<3, JUNCTION>,
@@ -179,12 +178,14 @@ impl Knee {
         samples: &Batches,
         prior: &Prior<3>,
     ) -> f64 {
-        let Self { wedge, .. } = Self::new(wedge, ray, length, 0.0);
-        let mut problem = Wedge::<3, KNEED>::problem(prior, Stage::Planar);
-        problem.active[TURN] = true;
-        let (origin, axes, reading) = (wedge.origin, wedge.axes, prior.reading);
+        let Self { wedge: mut kneed, .. } = Self::new(wedge, ray, length, 0.0);
+        // Not bent yet, the sheet is curved as it was.
+        let bend = Places::<3>::K + ray;
+        kneed.x[bend] = wedge.x[bend];
+        let problem = Wedge::<3, KNEED>::problem(prior, Stage::Curved);
+        let (origin, axes, reading) = (kneed.origin, kneed.axes, prior.reading);
         let model = Blurred { samples, origin, axes, reading, ray };
-        promise(&model, &problem, &wedge.x)
+        promise(&model, &problem, &kneed.x, TURN)
     }
 
     /// Fits to samples from here.

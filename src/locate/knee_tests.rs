@@ -1,7 +1,5 @@
 //! Tests of knees: derivatives, and fits to exactly blurred ones.
 
-use nalgebra::SMatrix;
-
 use super::*;
 use crate::locate::fixtures::{noisy, reading, sectors, window};
 use crate::locate::sheet::LevelPrior;
@@ -80,8 +78,7 @@ fn derivatives_are_those_of_the_prediction() {
                     reading: reading(1.0),
                     ray,
                 };
-                let mut e =
-                    Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; KNEED] };
+                let mut e = Normal::new(&[true; KNEED]);
                 let misfit = model.normal_equations(&knee.wedge.x, &mut e);
                 let stated = e.right[i] / misfit.sqrt();
                 let at = |by: f64| {

@@ -29,14 +29,26 @@ pub(super) struct Normal<const N: usize> {
 }
 
 impl<const N: usize> Normal<N> {
+    /// Of no measurements.
+    pub(super) fn new(active: &[bool; N]) -> Self {
+        Self { matrix: SMatrix::zeros(), right: SVector::zeros(), active: *active }
+    }
+
     /// Adds a measurement: its row of the Jacobian and its residual, in standard deviations.
-    #[inline]
     pub(super) fn add(&mut self, row: &[f64; N], r: f64) {
-        for i in 0..N {
-            for j in 0..=i {
-                self.matrix[(i, j)] += row[i] * row[j];
-            }
-            self.right[i] += row[i] * r;
+        add_products(self.matrix.as_mut_slice(), row);
+        for (right, entry) in self.right.iter_mut().zip(row) {
+            *right += entry * r;
+        }
+    }
+}
+
+/// Adds the products of a row's entries to the lower triangle of a matrix of as many rows, by columns.
+#[inline(never)]
+fn add_products(matrix: &mut [f64], row: &[f64]) {
+    for (j, column) in matrix.chunks_exact_mut(row.len()).enumerate() {
+        for (entry, factor) in column[j..].iter_mut().zip(&row[j..]) {
+            *entry += factor * row[j];
         }
     }
 }
@@ -141,15 +153,21 @@ pub(super) fn minimise<const N: usize>(
     Some(Fit { x, chi2, strain: strain(&x), covariance, converged })
 }
 
-/// By how much a step from `x` to where the linearised model has its minimum promises to lower the misfit; 0 if there is no such step.
+/// By how much farther the misfit falls, as far as the model is linear at `x`, if a parameter that a problem holds is free, too (a score
+/// test); 0 where that cannot be told.
 pub(super) fn promise<const N: usize>(
     model: &impl Model<N>,
     problem: &Problem<N>,
     x: &SVector<f64, N>,
+    parameter: usize,
 ) -> f64 {
-    let (_, equations) = assemble(model, problem, x);
-    let free = Problem { most: [f64::INFINITY; N], ..problem.clone() };
-    damped_step(&equations, &free, 1e-6).map_or(0.0, |(_, promised)| promised)
+    let mut free = Problem { most: [f64::INFINITY; N], ..problem.clone() };
+    free.active[parameter] = true;
+    let (_, equations) = assemble(model, &free, x);
+    let falls = |problem: &Problem<N>| damped_step(&equations, problem, 1e-6).map(|(_, promised)| promised);
+    let with = falls(&free);
+    free.active[parameter] = false;
+    with.zip(falls(&free)).map_or(0.0, |(with, without)| with - without)
 }
 
 /// The normal equations with priors.
@@ -158,7 +176,7 @@ fn assemble<const N: usize>(
     problem: &Problem<N>,
     x: &SVector<f64, N>,
 ) -> (f64, Normal<N>) {
-    let mut equations = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: problem.active };
+    let mut equations = Normal::new(&problem.active);
     let chi2 = model.normal_equations(x, &mut equations);
     for i in 0..N {
         if problem.active[i] {
@@ -185,11 +203,8 @@ impl<const N: usize> Factor<N> {
     /// definite.
     fn new(matrix: &SMatrix<f64, N, N>, active: &[bool; N], lambda: f64) -> Option<Self> {
         const { assert!(N <= MOST_PARAMETERS) }
-        let (mut of, mut count) = ([0; N], 0);
-        for i in (0..N).filter(|&i| active[i]) {
-            of[count] = i;
-            count += 1;
-        }
+        let mut of = [0; N];
+        let count = listed(active, &mut of);
         let mut rows = [[0.0; N]; N];
         for i in 0..count {
             for j in 0..i {
@@ -202,17 +217,7 @@ impl<const N: usize> Factor<N> {
 
     /// Solves for a right side without gaps, whose entries before `first` are zero.
     fn substitute(&self, x: &mut [f64; N], first: usize) {
-        for i in first..self.count {
-            let sum: f64 = (first..i).map(|j| self.rows[i][j] * x[j]).sum();
-            x[i] = (x[i] - sum) / self.rows[i][i];
-        }
-        for i in (0..self.count).rev() {
-            x[i] /= self.rows[i][i];
-            let value = x[i];
-            for (entry, factor) in x[..i].iter_mut().zip(&self.rows[i][..i]) {
-                *entry -= factor * value;
-            }
-        }
+        substitute(self.rows.as_flattened(), N, &mut x[..self.count], first);
     }
 
     /// The solution for a right side; zero where nothing moves.
@@ -266,9 +271,23 @@ pub(super) fn packed_sigma<const N: usize>(packed: &[f32], g: &[f64; N]) -> f64 
 /// Models have no more parameters than this.
 const MOST_PARAMETERS: usize = 32;
 
+// What loops over parameters that move is one function for all sizes: with the size known, compilers unroll such loops, and take minutes
+// over what they make of that.
+
+/// Lists which of some parameters move, ascending; returns how many.
+#[inline(never)]
+pub(super) fn listed(active: &[bool], out: &mut [usize]) -> usize {
+    let mut count = 0;
+    for (i, _) in active.iter().enumerate().filter(|(_, moves)| **moves) {
+        out[count] = i;
+        count += 1;
+    }
+    count
+}
+
 /// Replaces a positive definite matrix (its lower triangle; `count` rows, each `width` entries after the one before) by its Cholesky
-/// factor; false if it is none. One function for all sizes: with the size known, the compiler unrolls the three loops into each
-/// other for more than a minute.
+/// factor; false if it is none.
+#[inline(never)]
 fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
     let mut column = [0.0; MOST_PARAMETERS];
     for k in 0..count {
@@ -293,6 +312,23 @@ fn factorise(rows: &mut [f64], width: usize, count: usize) -> bool {
     true
 }
 
+/// Solves for a right side whose entries before `first` are zero, in its place, by a Cholesky factor (as [`factorise`] has it).
+#[inline(never)]
+fn substitute(rows: &[f64], width: usize, x: &mut [f64], first: usize) {
+    let row = |i: usize| &rows[i * width..][..=i];
+    for i in first..x.len() {
+        let sum: f64 = row(i)[first..i].iter().zip(&x[first..i]).map(|(factor, entry)| factor * entry).sum();
+        x[i] = (x[i] - sum) / row(i)[i];
+    }
+    for i in (0..x.len()).rev() {
+        x[i] /= row(i)[i];
+        let value = x[i];
+        for (entry, factor) in x[..i].iter_mut().zip(row(i)) {
+            *entry -= factor * value;
+        }
+    }
+}
+
 /// The damped Gauss-Newton step, shortened as a whole so that no parameter moves too far, and by how much it lowers the misfit if
 /// the model is as linear as its derivatives say.
 fn damped_step<const N: usize>(
@@ -312,4 +348,53 @@ fn damped_step<const N: usize>(
     let damping: f64 = active().map(|i| lambda * matrix[(i, i)] * step[i] * step[i]).sum();
     let promised = share * (2.0 * falls - share * (falls - damping));
     Some((step * share, promised))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// grey = x0 t + x1 t², measured at some places, of which the first is off.
+    struct Parabola;
+
+    impl Model<2> for Parabola {
+        fn normal_equations(&self, x: &SVector<f64, 2>, equations: &mut Normal<2>) -> f64 {
+            let mut chi2 = 0.0;
+            for (t, grey) in [(-1.0, 0.7), (0.5, 0.4), (1.0, 2.0), (2.0, 5.9)] {
+                let row = [t, t * t];
+                let r = row[0] * x[0] + row[1] * x[1] - grey;
+                equations.add(&row, r);
+                chi2 += r * r;
+            }
+            chi2
+        }
+    }
+
+    fn problem(active: [bool; 2]) -> Problem<2> {
+        let prior = [(0.0, f64::INFINITY); 2];
+        Problem { active, prior, most: [f64::INFINITY; 2], iterations: 20, enough: 1e-12 }
+    }
+
+    #[test]
+    fn a_parameter_promises_what_it_gains_beside_the_others() {
+        let fit = |active, start| minimise(&Parabola, &problem(active), start).unwrap();
+        let line = fit([true, false], SVector::zeros());
+        let parabola = fit([true, true], SVector::zeros());
+        let gain = line.chi2 - parabola.chi2;
+        assert!(gain > 1.0, "{gain}");
+        // Also where the others are not yet at their best.
+        for start in [line.x, SVector::zeros()] {
+            let promised = promise(&Parabola, &problem([true, false]), &start, 1);
+            assert!((promised - gain).abs() < 1e-3 * gain, "{promised} {gain}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_move_has_no_covariance() {
+        let line = minimise(&Parabola, &problem([true, false]), SVector::from([0.0, 0.3])).unwrap();
+        assert!((line.x[1] - 0.3).abs() < 1e-12 && line.converged);
+        // Of one parameter the inverse of the sum of squared slopes: 1 + 1/4 + 1 + 4.
+        assert!((line.covariance[(0, 0)] - 1.0 / 6.25).abs() < 1e-9);
+        assert!(line.covariance.iter().skip(1).all(|c| c.abs() < 1e-12));
+    }
 }

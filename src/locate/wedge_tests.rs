@@ -1,7 +1,5 @@
 //! Tests of wedges: derivatives, and fits to exactly blurred sectors.
 
-use nalgebra::SMatrix;
-
 use super::*;
 use crate::locate::fixtures::{noisy, reading, rms, sectors, window};
 
@@ -28,7 +26,7 @@ fn derivative_error(wedge: &Wedge<3, JUNCTION>, i: usize) -> [f64; 2] {
             axes: wedge.axes,
             reading: reading(1.0),
         };
-        let mut e = Normal { matrix: SMatrix::zeros(), right: SVector::zeros(), active: [true; JUNCTION] };
+        let mut e = Normal::new(&[true; JUNCTION]);
         let misfit = model.normal_equations(&wedge.x, &mut e);
         // The grey value is zero: J^T r is the derivative times the prediction.
         let stated = e.right[i] / misfit.sqrt();
