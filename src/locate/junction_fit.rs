@@ -192,8 +192,8 @@ fn fit_within(
     loop {
         let along = ALONG.min(TURN / wedge.bend().max(1e-9));
         let (mut full, blind) = (wide(&wedge).min(widest), wedge.blind());
-        // And, once patches are known, as far around it as blur reaches, where labels tell others too. (Before, corners would start from labels
-        // of junctions that are accepted there: a corner of a small cube in a cube was lost.)
+        // And, once patches are known, as far around it as blur reaches, where labels tell others too. (Before, what lies ahead of a curve's end
+        // would be left out: a wedge beside a corner is accepted then, its labels spoil the patches there, and the corner is not found.)
         let beyond = if flats.is_empty() { 0.0 } else { BLURRED[0] };
         let around = (full + beyond).hypot(along).min(AROUND);
         view.samples(middle, wedge.origin, around, &mut seen, &mut samples);
