@@ -71,12 +71,7 @@ impl Model<PARAMETERS> for Blurred<'_> {
                 value * self.weight,
                 (1.0 - value) * self.weight,
             ];
-            for i in 0..PARAMETERS {
-                for j in 0..=i {
-                    equations.matrix[(i, j)] += row[i] * row[j];
-                }
-                equations.right[i] += row[i] * r;
-            }
+            equations.add(&row, r);
         }
         chi2
     }

@@ -3,7 +3,7 @@
 //!
 //! Sums are made in eight lanes whatever the machine's width, so every machine gets the same bits.
 
-use super::least_squares::{Normal, listed};
+use super::least_squares::{Moving, Normal};
 use super::sheet::{Reading, Sample};
 
 /// Voxels of a batch.
@@ -120,9 +120,7 @@ pub(super) fn assemble<const N: usize>(
 
 /// Sums of products of rows, in lanes.
 pub(super) struct Sums<const N: usize> {
-    /// The parameters that move, ascending, and how many they are.
-    active: [usize; N],
-    count: usize,
+    moving: Moving<N>,
     matrix: [[[f32; LANES]; N]; N],
     right: [[f32; LANES]; N],
     chi2: [f32; LANES],
@@ -130,26 +128,17 @@ pub(super) struct Sums<const N: usize> {
 
 impl<const N: usize> Sums<N> {
     /// Of the parameters that move.
-    fn new(moves: &[bool; N]) -> Self {
-        let mut active = [0; N];
-        let count = listed(moves, &mut active);
+    fn new(active: &[bool; N]) -> Self {
         let (matrix, right) = ([[[0.0; LANES]; N]; N], [[0.0; LANES]; N]);
-        Self { active, count, matrix, right, chi2: [0.0; LANES] }
-    }
-
-    /// The parameters that move, ascending.
-    #[inline(always)]
-    fn active(&self) -> &[usize] {
-        &self.active[..self.count]
+        Self { moving: Moving::new(active), matrix, right, chi2: [0.0; LANES] }
     }
 
     /// Adds a batch: its rows of the Jacobian, and its residuals.
     #[inline(always)]
     pub(super) fn add(&mut self, rows: &[Row; N], residuals: &Row) {
-        let Self { active, count, matrix, right, .. } = self;
-        let active = &active[..*count];
-        for (n, &i) in active.iter().enumerate() {
-            for &j in &active[..=n] {
+        let Self { moving, matrix, right, .. } = self;
+        for (n, &i) in moving.all().iter().enumerate() {
+            for &j in &moving.all()[..=n] {
                 multiply(&rows[i], &rows[j], &mut matrix[i][j]);
             }
             multiply(&rows[i], residuals, &mut right[i]);
@@ -160,8 +149,8 @@ impl<const N: usize> Sums<N> {
     /// Adds the sums to the normal equations; returns that of squared residuals.
     fn finish(&self, equations: &mut Normal<N>) -> f64 {
         let sum = |lanes: &[f32; LANES]| lanes.iter().map(|v| f64::from(*v)).sum::<f64>();
-        for (n, &i) in self.active().iter().enumerate() {
-            for &j in &self.active()[..=n] {
+        for (n, &i) in self.moving.all().iter().enumerate() {
+            for &j in &self.moving.all()[..=n] {
                 equations.matrix[(i, j)] += sum(&self.matrix[i][j]);
             }
             equations.right[i] += sum(&self.right[i]);
@@ -188,7 +177,6 @@ pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
     use crate::locate::fixtures::{reading, window};
 

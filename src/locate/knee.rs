@@ -109,11 +109,17 @@ impl Knee {
     /// A wedge with a sheet that bends.
     #[must_use]
     pub(super) fn new(wedge: &Wedge<3, JUNCTION>, ray: usize, length: f64, turn: f64) -> Self {
+        let mut wedge = Self::with_bend(wedge, length, turn);
+        wedge.x[Places::<3>::K + ray] = 0.0;
+        Self { wedge, ray }
+    }
+
+    /// A wedge with the parameters of a bend, its sheets still as curved as they were.
+    fn with_bend(wedge: &Wedge<3, JUNCTION>, length: f64, turn: f64) -> Wedge<3, KNEED> {
         let mut x = SVector::<f64, KNEED>::zeros();
         x.fixed_rows_mut::<JUNCTION>(0).copy_from(&wedge.x);
-        x[Places::<3>::K + ray] = 0.0;
         (x[LENGTH], x[TURN]) = (length, turn);
-        Self { wedge: Wedge { origin: wedge.origin, axes: wedge.axes, x }, ray }
+        Wedge { origin: wedge.origin, axes: wedge.axes, x }
     }
 
     /// The wedge without the bend.
@@ -178,14 +184,10 @@ impl Knee {
         samples: &Batches,
         prior: &Prior<3>,
     ) -> f64 {
-        let Self { wedge: mut kneed, .. } = Self::new(wedge, ray, length, 0.0);
-        // Not bent yet, the sheet is curved as it was.
-        let bend = Places::<3>::K + ray;
-        kneed.x[bend] = wedge.x[bend];
+        let Wedge { origin, axes, x } = Self::with_bend(wedge, length, 0.0);
         let problem = Wedge::<3, KNEED>::problem(prior, Stage::Curved);
-        let (origin, axes, reading) = (kneed.origin, kneed.axes, prior.reading);
-        let model = Blurred { samples, origin, axes, reading, ray };
-        promise(&model, &problem, &kneed.x, TURN)
+        let model = Blurred { samples, origin, axes, reading: prior.reading, ray };
+        promise(&model, &problem, &x, TURN)
     }
 
     /// Fits to samples from here.

@@ -190,12 +190,33 @@ fn assemble<const N: usize>(
     (chi2, equations)
 }
 
+/// Which of some parameters move, ascending.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moving<const N: usize> {
+    of: [usize; N],
+    count: usize,
+}
+
+impl<const N: usize> Moving<N> {
+    /// Of flags.
+    pub(super) fn new(active: &[bool; N]) -> Self {
+        let mut of = [0; N];
+        let count = list(active, &mut of);
+        Self { of, count }
+    }
+
+    /// The parameters.
+    #[inline(always)]
+    pub(super) fn all(&self) -> &[usize] {
+        &self.of[..self.count]
+    }
+}
+
 /// The Cholesky factor of the rows and columns that move, its rows without gaps.
 struct Factor<const N: usize> {
     rows: [[f64; N]; N],
-    /// Which row of the matrix each is, and how many there are.
-    of: [usize; N],
-    count: usize,
+    /// Which row of the matrix each is.
+    moving: Moving<N>,
 }
 
 impl<const N: usize> Factor<N> {
@@ -203,33 +224,32 @@ impl<const N: usize> Factor<N> {
     /// definite.
     fn new(matrix: &SMatrix<f64, N, N>, active: &[bool; N], lambda: f64) -> Option<Self> {
         const { assert!(N <= MOST_PARAMETERS) }
-        let mut of = [0; N];
-        let count = listed(active, &mut of);
+        let moving = Moving::new(active);
         let mut rows = [[0.0; N]; N];
-        for i in 0..count {
-            for j in 0..i {
-                rows[i][j] = matrix[(of[i], of[j])];
+        for (n, &i) in moving.all().iter().enumerate() {
+            for (entry, &j) in rows[n].iter_mut().zip(&moving.all()[..n]) {
+                *entry = matrix[(i, j)];
             }
-            rows[i][i] = matrix[(of[i], of[i])] * (1.0 + lambda);
+            rows[n][n] = matrix[(i, i)] * (1.0 + lambda);
         }
-        factorise(rows.as_flattened_mut(), N, count).then_some(Self { rows, of, count })
+        factorise(rows.as_flattened_mut(), N, moving.count).then_some(Self { rows, moving })
     }
 
     /// Solves for a right side without gaps, whose entries before `first` are zero.
     fn substitute(&self, x: &mut [f64; N], first: usize) {
-        substitute(self.rows.as_flattened(), N, &mut x[..self.count], first);
+        substitute(self.rows.as_flattened(), N, &mut x[..self.moving.count], first);
     }
 
     /// The solution for a right side; zero where nothing moves.
     fn solve(&self, right: &SVector<f64, N>) -> SVector<f64, N> {
         let mut x = [0.0; N];
-        for i in 0..self.count {
-            x[i] = right[self.of[i]];
+        for (entry, &i) in x.iter_mut().zip(self.moving.all()) {
+            *entry = right[i];
         }
         self.substitute(&mut x, 0);
         let mut out = SVector::zeros();
-        for i in 0..self.count {
-            out[self.of[i]] = x[i];
+        for (entry, &i) in x.iter().zip(self.moving.all()) {
+            out[i] = *entry;
         }
         out
     }
@@ -237,12 +257,12 @@ impl<const N: usize> Factor<N> {
     /// The inverse of the matrix; zero where nothing moves.
     fn inverse(&self) -> SMatrix<f64, N, N> {
         let mut out = SMatrix::zeros();
-        for k in 0..self.count {
+        for (k, &column) in self.moving.all().iter().enumerate() {
             let mut x = [0.0; N];
             x[k] = 1.0;
             self.substitute(&mut x, k);
-            for i in 0..self.count {
-                out[(self.of[i], self.of[k])] = x[i];
+            for (entry, &row) in x.iter().zip(self.moving.all()) {
+                out[(row, column)] = *entry;
             }
         }
         out
@@ -276,7 +296,7 @@ const MOST_PARAMETERS: usize = 32;
 
 /// Lists which of some parameters move, ascending; returns how many.
 #[inline(never)]
-pub(super) fn listed(active: &[bool], out: &mut [usize]) -> usize {
+fn list(active: &[bool], out: &mut [usize]) -> usize {
     let mut count = 0;
     for (i, _) in active.iter().enumerate().filter(|(_, moves)| **moves) {
         out[count] = i;
