@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::cone::{Cone, ConeFit};
-use super::corner::{CornerFit, LineKind, MATERIALS};
+use super::corner::{Corner, CornerFit, LineKind, MATERIALS};
 use super::passage::Passage;
 use super::sites::CurveKind;
 use crate::grid::MaterialId;
@@ -225,34 +225,35 @@ impl CornerSite {
     /// to the second.
     fn nearest_sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<([usize; 2], bool)> {
         match &self.shape {
-            Shape::Planes(fit) => self.nearest_plane(fit, pair, at),
+            Shape::Planes(fit) => self.nearest_quarter(fit, pair, at).map(|q| ([q.plane; 2], q.along)),
             Shape::Cones(fit) => self.nearest_of_cones(fit, pair, at).map(|sheet| (sheet, true)),
         }
     }
 
-    fn nearest_plane(&self, fit: &CornerFit, pair: [MaterialId; 2], at: DVec3) -> Option<([usize; 2], bool)> {
+    fn nearest_quarter(&self, fit: &CornerFit, pair: [MaterialId; 2], at: DVec3) -> Option<Quarter> {
         let corner = &fit.corner;
         let d: [f64; 3] = std::array::from_fn(|i| corner.distance(i, at));
-        let mut best: Option<(f64, usize, bool)> = None;
-        for i in 0..3 {
-            let others = [(i + 1) % 3, (i + 2) % 3];
+        let mut best: Option<(f64, Quarter)> = None;
+        for plane in 0..3 {
+            let others = [(plane + 1) % 3, (plane + 2) % 3];
             for sides in 0..4usize {
-                let octant: usize = (0..2).map(|k| (sides >> k & 1) << others[k]).sum();
+                let positive = [sides & 1 == 1, sides & 2 == 2];
+                let octant: usize = (0..2).map(|k| usize::from(positive[k]) << others[k]).sum();
                 let found =
-                    [octant, octant | 1 << i].map(|o| self.materials[usize::from(corner.materials[o])]);
+                    [octant, octant | 1 << plane].map(|o| self.materials[usize::from(corner.materials[o])]);
                 let along = found == pair;
                 if !along && [found[1], found[0]] != pair {
                     continue;
                 }
                 // How far the place lies beyond the other planes.
-                let beyond = |k: usize| if sides >> k & 1 == 1 { -d[others[k]] } else { d[others[k]] };
-                let away = (0..2).map(|k| beyond(k).max(0.0).powi(2)).sum::<f64>() + d[i] * d[i];
-                if best.is_none_or(|(least, ..)| away < least) {
-                    best = Some((away, i, along));
+                let beyond = |k: usize| if positive[k] { -d[others[k]] } else { d[others[k]] };
+                let away = (0..2).map(|k| beyond(k).max(0.0).powi(2)).sum::<f64>() + d[plane] * d[plane];
+                if best.as_ref().is_none_or(|(least, _)| away < *least) {
+                    best = Some((away, Quarter { plane, others, positive, along }));
                 }
             }
         }
-        best.map(|(_, i, along)| ([i; 2], along))
+        best.map(|b| b.1)
     }
 
     fn nearest_of_cones(&self, fit: &ConeFit, pair: [MaterialId; 2], at: DVec3) -> Option<[usize; 2]> {
@@ -266,6 +267,23 @@ impl CornerSite {
             }
         }
         best.map(|b| b.1)
+    }
+
+    /// The point of the interface between two of its materials nearest to a place, at least `margin` away from the curves at which its
+    /// sheet ends, and the standard deviation there; all in blur units.
+    #[must_use]
+    pub(super) fn on_sheet(&self, pair: [MaterialId; 2], at: DVec3, margin: f64) -> Option<(DVec3, f64)> {
+        let (on, sheet) = match &self.shape {
+            Shape::Planes(fit) => {
+                let quarter = self.nearest_quarter(fit, pair, at)?;
+                (quarter.nearest(&fit.corner, at, margin), [quarter.plane; 2])
+            }
+            Shape::Cones(fit) => {
+                let [m, n] = self.nearest_of_cones(fit, pair, at)?;
+                (fit.cone.on_sheet(m, n, at, margin)?, [m, n])
+            }
+        };
+        Some((on, self.sheet_sigma(sheet, on)))
     }
 
     /// Where a curve of the asked kind passes the plane `target` of an axis, nearest to `near`, no farther than
@@ -340,7 +358,56 @@ impl CornerSite {
     }
 }
 
+/// A quarter of a plane: the part on one side of each of the other two.
+struct Quarter {
+    plane: usize,
+    others: [usize; 2],
+    /// Whether it lies on the positive side of each.
+    positive: [bool; 2],
+    /// Whether it goes from the first of the two materials that were asked for to the second.
+    along: bool,
+}
+
+impl Quarter {
+    /// The point of the quarter nearest to a place, and at least `margin` inside of it.
+    fn nearest(&self, corner: &Corner, at: DVec3, margin: f64) -> DVec3 {
+        let mut on = at;
+        // The foot on a bent plane, and the way back from two sides of which each pushes across the other.
+        for _ in 0..8 {
+            let foot = on;
+            let normal = |k: usize| (corner.normals[k] - corner.forms[k] * (foot - corner.apex)).normalize();
+            let own = normal(self.plane);
+            on -= own * corner.distance(self.plane, on);
+            for (k, positive) in self.others.into_iter().zip(self.positive) {
+                let side = normal(k) * if positive { 1.0 } else { -1.0 };
+                let inward = side - own * own.dot(side);
+                let length = inward.length();
+                let inside = corner.distance(k, on) * if positive { 1.0 } else { -1.0 } / length.max(1e-3);
+                if inside < margin {
+                    on += inward / length.max(1e-3) * (margin - inside);
+                }
+            }
+        }
+        on
+    }
+}
+
 impl Cone {
+    /// The point of the sheet between materials `m` and `n` nearest to a place, at least `margin` away from the rays at
+    /// which it ends. `None` where these have nearly one direction.
+    fn on_sheet(&self, m: usize, n: usize, at: DVec3, margin: f64) -> Option<DVec3> {
+        let rays = Self::sheet(m, n).map(|i| self.rays[i]);
+        let r = at - self.apex;
+        let (c, [x, y]) = (rays[0].dot(rays[1]), rays.map(|ray| ray.dot(r)));
+        let square = 1.0 - c * c;
+        if square < 1e-3 {
+            return None;
+        }
+        // The foot in terms of the rays; the part along the one is how far it lies from the other.
+        let parts = [x - c * y, y - c * x].map(|part| (part / square).max(margin / square.sqrt()));
+        Some(self.apex + rays[0] * parts[0] + rays[1] * parts[1])
+    }
+
     /// Distance of a point from the sheet between materials `m` and `n`, which ends at its rays.
     fn off_sheet(&self, m: usize, n: usize, at: DVec3) -> f64 {
         let r = at - self.apex;

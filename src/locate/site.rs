@@ -168,15 +168,14 @@ impl Site {
     }
 
     /// The point of the interface between two of its materials nearest to a place, where it is at least `margin` away from
-    /// the curve at which it ends, and its standard deviation; in blur units. `None` where there is no such interface, and
-    /// for corners.
+    /// the curves at which it ends, and its standard deviation; in blur units. `None` where there is no such interface.
     #[must_use]
     pub fn on_sheet(&self, pair: [MaterialId; 2], at: DVec3, margin: f64) -> Option<(DVec3, f64)> {
         with_model!(
             self,
             fit => on_sheet(fit, &self.materials, pair, at, margin),
             knee => knee.on_sheet(&self.materials, pair, at, margin),
-            _corner => None
+            corner => corner.on_sheet(pair, at, margin)
         )
     }
 }
