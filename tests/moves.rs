@@ -71,8 +71,12 @@ impl Wishes for Wishful<'_> {
         self.wish(low, 3 + axis, safe)
     }
 
-    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
+    fn kink(&self, low: [usize; 3], axis: usize, _: [f32; 3]) -> Option<Node> {
         self.wish(low, 6 + axis, low.map(|c| c as f32 - 0.5))
+    }
+
+    fn facing(&self, _: [MaterialId; 2], _: [f32; 3]) -> Option<[f32; 3]> {
+        None
     }
 
     fn apex(&self, low: [usize; 3], at: [f32; 3]) -> Option<Node> {

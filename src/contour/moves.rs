@@ -62,8 +62,12 @@ pub trait Wishes: CrossingRule {
     /// For the node at `safe` of the face across `axis` whose lowest corner is `low`.
     fn node(&self, low: [usize; 3], axis: usize, safe: [f32; 3]) -> Option<Node>;
 
-    /// For the kink of such a face.
-    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node>;
+    /// For the kink at `safe` of such a face.
+    fn kink(&self, low: [usize; 3], axis: usize, safe: [f32; 3]) -> Option<Node>;
+
+    /// The direction in which the interface between two materials faces near a place, from the first to the second; of any length.
+    /// `None` if that is not known.
+    fn facing(&self, labels: [MaterialId; 2], at: [f32; 3]) -> Option<[f32; 3]>;
 
     /// For the apex of a cell; `at` is the mean of where its nodes should lie.
     fn apex(&self, low: [usize; 3], at: [f32; 3]) -> Option<Node>;

@@ -2,11 +2,19 @@
 //!
 //! All are granted at once. Then triangles that meet where they must not, that have turned over or become slivers are
 //! looked for, and their vertices go back a quarter of the way; again, until nothing offends. With no moves the
-//! surface is what marching promises, so this ends there at the latest. Then what was refused is tried again, a half at a time, the
-//! others staying where they are. All vertices go back together and triangles are
+//! surface is what marching promises, so this ends there at the latest. Then what was refused is tried again, a fifth at a time, the
+//! others staying where they are.
+//!
+//! **Turned over** is a triangle that faced as the interface does that it is of, where its vertices should lie, and does so no more. Where a
+//! lattice edge meets two sheets, what construction makes of it may stand across the sheet: it is not what triangles are measured
+//! by, unless nothing else is known. Those that face away by construction may do anything but meet others. All vertices go back together and triangles are
 //! judged by exact tests of places as they will be written, so neither threads nor slabs show in the result.
 
+use std::collections::HashSet;
+
+use foldhash::fast::FixedState;
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::error::ContourError;
 use super::marching::Surroundings;
@@ -18,11 +26,12 @@ use crate::triangle::{Search, VertexTable, is_without_area, without_area};
 
 /// A wish is granted in so many parts.
 const PARTS: u8 = 4;
-/// What was refused is tried again so many times, where neighbours have settled: by turns one half of the wishes and the other,
-/// for two that are in each other's way may each be granted alone.
-const TURNS: usize = 2;
-/// A triangle may not turn by more than the angle of this cosine.
-const TURNED: f64 = 0.0;
+/// What was refused is tried again, where neighbours have settled: group after group, for vertices that are in each other's way
+/// may each be granted alone, or some of them together. So many groups, other ones in each of so many cycles.
+const GROUPS: usize = 5;
+const CYCLES: usize = 6;
+/// A cycle that grants less than this part of what is refused is the last.
+const ENOUGH: usize = 64;
 /// Height of a triangle over its longest side, lattice units, below which it is a sliver; those that are flatter by construction
 /// may not become flatter still.
 const FLATTEST: f64 = 0.02;
@@ -38,9 +47,16 @@ pub fn settle(
 ) -> Result<Moves, ContourError> {
     let mut settling = Settling::new(around, geometry);
     while settling.round(execution)? {}
-    for turn in 0..TURNS {
-        if settling.raise(turn) {
-            while settling.round(execution)? {}
+    settling.keep_near_refused();
+    for cycle in 0..CYCLES {
+        let before = settling.refused();
+        for group in 0..GROUPS {
+            if settling.raise(cycle, group) {
+                while settling.round(execution)? {}
+            }
+        }
+        if before - settling.refused() <= before / ENOUGH {
+            break;
         }
     }
     let scale = DVec3::from(geometry.spacing()) / geometry.voxel_edge();
@@ -67,6 +83,14 @@ fn partly(wish: &Wish, part: u8) -> [f32; 3] {
     [0, 1, 2].map(|a| wish.safe[a] + share * (most[a] - wish.safe[a]))
 }
 
+/// The group of a vertex: by chance, so that neighbours are parted in some cycle and together in another.
+fn group_of(key: SeamKey, cycle: usize) -> usize {
+    // Multipliers of SplitMix64.
+    let mixed =
+        (key.0 ^ (cycle as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    (mixed >> 40) as usize % GROUPS
+}
+
 struct Settling<'a> {
     written: Written<'a>,
     wishes: Vec<Wish>,
@@ -82,6 +106,8 @@ struct Settling<'a> {
     /// By construction, lattice units.
     safe: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
+    /// Where they should face; not a number where that is not known.
+    facing: Vec<[f32; 3]>,
     at: VertexTable,
     /// Triangles of vertices that were moved and not looked at since.
     moved: Vec<u32>,
@@ -90,6 +116,8 @@ struct Settling<'a> {
 }
 
 const NONE: u32 = u32::MAX;
+/// Edge of a box in which triangles are looked for that may meet, lattice units.
+const BOX: f64 = 4.0;
 
 impl<'a> Settling<'a> {
     fn new(around: Surroundings, geometry: &'a Geometry) -> Self {
@@ -102,8 +130,9 @@ impl<'a> Settling<'a> {
         // A vertex without triangles has nothing to move.
         wishes.retain(|w| number(w.key).is_some());
         let vertex: Vec<u32> = wishes.iter().filter_map(|w| number(w.key)).collect();
+        let facing = triangles.iter().map(|facet| facet.facing).collect();
         let triangles: Vec<[u32; 3]> =
-            triangles.iter().map(|t| t.map(|key| number(key).unwrap_or(NONE))).collect();
+            triangles.iter().map(|facet| facet.vertices.map(|key| number(key).unwrap_or(NONE))).collect();
         let mut wish = vec![NONE; vertices.len()];
         vertex.iter().enumerate().for_each(|(i, &v)| wish[v as usize] = i as u32);
         let written = Written::new(geometry);
@@ -122,6 +151,7 @@ impl<'a> Settling<'a> {
             moved: Vec::new(),
             left_out,
             triangles,
+            facing,
             wishes,
         };
         for i in 0..out.wishes.len() {
@@ -130,6 +160,41 @@ impl<'a> Settling<'a> {
             }
         }
         out
+    }
+
+    /// Leaves out the triangles that no vertex of a wish that was refused can reach: nothing else moves any more.
+    fn keep_near_refused(&mut self) {
+        let swept = |t: &[u32; 3]| {
+            let ends = |&v: &u32| {
+                let wish = self.wish[v as usize];
+                let most = if wish == NONE {
+                    self.safe[v as usize]
+                } else {
+                    DVec3::from(self.wishes[wish as usize].most().map(f64::from))
+                };
+                [self.safe[v as usize], most]
+            };
+            let places = t.iter().flat_map(ends);
+            let (low, high) =
+                places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+            let [low, high] = [low, high].map(|p| (p / BOX).floor().as_ivec3());
+            (low.z..=high.z)
+                .flat_map(move |z| (low.y..=high.y).map(move |y| [y, z]))
+                .flat_map(move |[y, z]| (low.x..=high.x).map(move |x| [x, y, z]))
+        };
+        let refused = (0..self.wishes.len()).filter(|&i| self.parts[i] < PARTS && self.wishes[i].is_near());
+        let moving = refused.flat_map(|i| self.at.triangles(self.vertex[i] as usize));
+        let boxes: HashSet<[i32; 3], FixedState> =
+            moving.flat_map(|&t| swept(&self.triangles[t as usize])).collect();
+        let kept: Vec<usize> = (0..self.triangles.len())
+            .into_par_iter()
+            .filter(|&t| swept(&self.triangles[t]).any(|key| boxes.contains(&key)))
+            .collect();
+        self.triangles = kept.iter().map(|&t| self.triangles[t]).collect();
+        self.facing = kept.iter().map(|&t| self.facing[t]).collect();
+        self.left_out = [0, 1].map(|i| kept.iter().map(|&t| self.left_out[i][t]).collect());
+        self.at = VertexTable::new(self.safe.len(), &self.triangles);
+        self.moved.clear();
     }
 
     /// Puts the vertex of a wish where it lies now; its triangles are to be looked at.
@@ -141,13 +206,22 @@ impl<'a> Settling<'a> {
         self.moved.extend_from_slice(self.at.triangles(v));
     }
 
-    /// Grants what was refused, of one half of the wishes, to be taken back no farther than to where it is now; whether there was
+    /// How many parts are refused, all in all.
+    fn refused(&self) -> usize {
+        self.movable().map(|i| usize::from(PARTS - self.parts[i])).sum()
+    }
+
+    /// The wishes of which something may be granted.
+    fn movable(&self) -> impl Iterator<Item = usize> {
+        (0..self.wishes.len()).filter(|&i| self.wishes[i].is_near())
+    }
+
+    /// Grants what was refused, of one group of the wishes, to be taken back no farther than to where it is now; whether there was
     /// any. What was granted stays.
-    fn raise(&mut self, turn: usize) -> bool {
+    fn raise(&mut self, cycle: usize, group: usize) -> bool {
         self.least.copy_from_slice(&self.parts);
-        let half = (turn % 2..self.wishes.len()).step_by(2);
-        let refused: Vec<usize> =
-            half.filter(|&i| self.parts[i] < PARTS && self.wishes[i].is_near()).collect();
+        let is_own = |i: &usize| group_of(self.wishes[*i].key, cycle) == group;
+        let refused: Vec<usize> = self.movable().filter(|&i| self.parts[i] < PARTS).filter(is_own).collect();
         for &i in &refused {
             self.parts[i] = PARTS;
             self.place(i);
@@ -212,6 +286,9 @@ impl<'a> Settling<'a> {
             n.length() / longest
         };
         let flat = height(after, n);
-        !(m.dot(n) > TURNED * m.length() * n.length() && (flat >= FLATTEST || flat >= height(before, m)))
+        let facing = DVec3::from(self.facing[t].map(f64::from));
+        let is_turned =
+            if facing.is_nan() { m.dot(n) <= 0.0 } else { m.dot(facing) > 0.0 && n.dot(facing) <= 0.0 };
+        is_turned || flat < FLATTEST && flat < height(before, m)
     }
 }

@@ -221,6 +221,12 @@ impl CornerSite {
         self.nearest_sheet(pair, at).map(|(sheet, _)| self.sheet_sigma(sheet, at))
     }
 
+    /// A number for the sheet between two of its materials near a place.
+    #[must_use]
+    pub(super) fn sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<usize> {
+        self.nearest_sheet(pair, at).map(|([m, n], _)| m * MATERIALS + n)
+    }
+
     /// The sheet between two of its materials near a place (a plane, or the materials beside), and whether it goes from the first
     /// to the second.
     fn nearest_sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<([usize; 2], bool)> {

@@ -328,6 +328,17 @@ impl Knee {
         Some(if along { passage } else { passage.reversed() })
     }
 
+    /// A number for the sheet between two materials near a place: its ray, or one more than those for what is beyond the bend.
+    pub(super) fn sheet(
+        &self,
+        materials: &[MaterialId; 3],
+        pair: [MaterialId; 2],
+        at: DVec3,
+    ) -> Option<usize> {
+        let (sheet, _) = self.nearest_sheet(materials, pair, self.wedge.section(at))?;
+        Some(if sheet.beyond { 3 } else { sheet.ray })
+    }
+
     /// Whether a label at a place is another than the knee says (`materials` of its sectors), though none of its sheets is near.
     pub(super) fn is_contradicted(&self, materials: &[MaterialId; 3], label: MaterialId, at: DVec3) -> bool {
         let section = self.wedge.section(at);

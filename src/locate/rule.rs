@@ -12,7 +12,7 @@ use crate::classify::{BitPlanes, LabelVolume};
 use crate::contour::pattern::{classes_of, is_ambiguous, sheets};
 use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
 use crate::grid::MaterialId;
-use crate::grid::cube::{CORNERS, FACES, corner_offset, face_ring};
+use crate::grid::cube::{CORNERS, FACES, corner_offset, face_ring, other_axes};
 
 /// A crossing found by a model may lie this far beyond its edge (in edge lengths) and is put to the edge's end;
 /// farther, the model is not of this interface.
@@ -223,9 +223,8 @@ fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
 }
 
 impl Located<'_> {
-    /// Where a curve of the asked kind passes the plane of the face across `axis` with lowest padded corner `low`, in voxels,
-    /// and its standard deviation in voxels; `None` if far from the face.
-    pub(super) fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<(DVec3, f64)> {
+    /// Where a curve of the asked kind passes the plane of the face across `axis` with lowest padded corner `low`.
+    fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Pierced<'_>> {
         let mut corners = [low; 4];
         for (c, corner) in corners.iter_mut().enumerate() {
             corner[(axis + 1) % 3] += c & 1;
@@ -237,13 +236,43 @@ impl Located<'_> {
         let voxel = DVec3::from(low.map(|c| c as f64 - 1.0));
         let mut middle = voxel + 0.5;
         middle[axis] -= 0.5;
-        let (at, sigma) = self.sites.pierces(kind, [axis, low[axis] - 1], middle, FAR)?;
+        let (at, sigma, site) = self.sites.pierces(kind, [axis, low[axis] - 1], middle, FAR)?;
         let offset = at - voxel;
         let flat = DVec2::new(offset[(axis + 1) % 3], offset[(axis + 2) % 3]);
-        if flat.min_element() < -ASIDE || flat.max_element() > 1.0 + ASIDE {
-            return None;
+        let outside = (flat - 0.5).abs().max_element() - 0.5;
+        Some(Pierced { at, sigma: self.voxels(sigma), site, outside })
+    }
+
+    /// Where the sharp edge passes that bends the interface in a face of two materials and two crossings.
+    ///
+    /// The face's crossings must lie on two of its sheets. Where they do not, the edge passes beside the segment between them,
+    /// within the face or not; where they do, it passes between them, if only somewhat outside of the face.
+    pub(super) fn bend(&self, low: [usize; 3], axis: usize) -> Option<Pierced<'_>> {
+        let pierced = self.pierced(low, axis, CurveKind::Edge).filter(|p| p.outside <= MOST_ASIDE)?;
+        match self.sheets_of(pierced.site, low, axis) {
+            Some([a, b]) => (a != b).then_some(pierced),
+            None => (pierced.outside <= ASIDE).then_some(pierced),
         }
-        Some((at, self.voxels(sigma)))
+    }
+
+    /// The sheets of a site on which the two crossings of a face of two materials lie; `None` if one is not known or not the site's.
+    fn sheets_of(&self, site: &Site, low: [usize; 3], axis: usize) -> Option<[usize; 2]> {
+        let [u, v] = other_axes(axis);
+        let mut found =
+            [0, 1].into_iter().flat_map(|k| [(u, v, k), (v, u, k)]).filter_map(|(along, across, k)| {
+                let mut from = low;
+                from[across] += k;
+                let mut to = from;
+                to[along] += 1;
+                let labels = [self.labels.at(from), self.labels.at(to)];
+                (labels[0] != labels[1]).then(|| {
+                    let t = self.located(from, along, labels)?;
+                    let place = DVec3::from(from.map(|c| c as f64 - 1.0)) + DVec3::AXES[along] * f64::from(t);
+                    site.sheet(labels, self.units.of(place - site.middle))
+                })
+            });
+        let both = [found.next()??, found.next()??];
+        Some(both)
     }
 
     /// Whether the cell with lowest padded corner `low` has several sheets.
@@ -268,19 +297,33 @@ impl Located<'_> {
         });
         sheets(&classes, join).len() > 1
     }
+}
 
-    /// The same as a node.
-    fn pierced_node(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Node> {
-        let (at, sigma) = self.pierced(low, axis, kind)?;
-        let mut at = (at - DVec3::from(low.map(|c| c as f64 - 1.0))).as_vec3().to_array();
+/// Where a curve passes the plane of a face.
+pub(super) struct Pierced<'a> {
+    /// In voxels.
+    pub(super) at: DVec3,
+    /// Its standard deviation, voxels.
+    pub(super) sigma: f64,
+    site: &'a Site,
+    /// How far outside of the face, in edges; negative inside.
+    outside: f64,
+}
+
+impl Pierced<'_> {
+    /// As a node of the face with lowest padded corner `low` across `axis`.
+    fn node(&self, low: [usize; 3], axis: usize) -> Node {
+        let mut at = (self.at - DVec3::from(low.map(|c| c as f64 - 1.0))).as_vec3().to_array();
         at[axis] = 0.0;
-        Some(Node { at, sigma: sigma as f32 })
+        Node { at, sigma: self.sigma as f32 }
     }
 }
 
 /// A curve may pass a face so far outside of it (in edges) and is put to its side: it passes a neighbour, whose
 /// labels say otherwise.
 const ASIDE: f64 = 0.25;
+/// And a sharp edge that is known to bend the interface between the face's crossings.
+const MOST_ASIDE: f64 = 0.9;
 /// A curve is followed so far along from the middle of its fit, blur units.
 pub(super) const FAR: f64 = 4.5;
 
@@ -315,7 +358,8 @@ impl CrossingRule for Located<'_> {
     }
 
     fn node(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        self.pierced_node(low, axis, CurveKind::Junction)
+        let pierced = self.pierced(low, axis, CurveKind::Junction).filter(|p| p.outside <= ASIDE)?;
+        Some(pierced.node(low, axis))
     }
 
     fn apex(&self, low: [usize; 3]) -> Option<Node> {
@@ -333,7 +377,7 @@ impl CrossingRule for Located<'_> {
     }
 
     fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        let node = self.pierced_node(low, axis, CurveKind::Edge)?;
+        let node = self.bend(low, axis)?.node(low, axis);
         // Beside several sheets in a cell a kink may reach past another than its own, and they would meet.
         let mut below = low;
         below[axis] -= 1;

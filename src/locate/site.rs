@@ -94,6 +94,17 @@ impl Site {
         )
     }
 
+    /// Which of its sheets between two materials a place lies on or next to; the number only tells sheets apart.
+    #[must_use]
+    pub fn sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<usize> {
+        with_model!(
+            self,
+            fit => nearest_sheet(fit, &self.materials, pair, fit.wedge.section(at)).map(|(i, _)| i),
+            knee => knee.knee.sheet(&self.materials, pair, at),
+            corner => corner.sheet(pair, at)
+        )
+    }
+
     /// Where the segment from `start` along `step` goes from material `a` to `b`, as a fraction; `None` if it does
     /// not, once.
     #[must_use]

@@ -18,8 +18,11 @@ use crate::grid::MaterialId;
 
 /// How far from a junction curve, and from a sharp edge, its site speaks, blur units.
 const REACH: [f64; 2] = [5.0, 3.2];
-/// How far along the curve, blur units.
+/// How far along the curve, blur units; towards a fit of the same curve to halfway there, but no farther than the second.
 const ALONG: f64 = 3.2;
+const BRIDGED: f64 = 4.5;
+/// Of the same curve: each passes the other's point within this distance, blur units.
+const SAME_CURVE: f64 = 0.5;
 /// Within this distance of a curve no grey value is explained by one interface, blur units.
 const TAINTED: [f64; 2] = [3.7, 2.8];
 /// Beyond this distance a patch that knows an interface knows it better.
@@ -57,7 +60,8 @@ const SIDE: usize = 4;
 pub struct Sites {
     units: BlurUnits,
     sites: Vec<Site>,
-    /// How far each may speak around its `at`, blur units.
+    /// How far each may speak along its curve, back and on, and how far around its `at`, blur units.
+    alongs: Vec<[f64; 2]>,
     reaches: Vec<f64>,
     /// Sites by the boxes that they may speak in: box, site; sorted.
     boxes: Vec<([u16; 3], u32)>,
@@ -120,22 +124,23 @@ impl Site {
         }
     }
 
-    /// How far around `at` the site may speak, blur units.
-    fn farthest(&self) -> f64 {
+    /// How far around `at` the site may speak, blur units, if it does so far along its curve.
+    fn farthest(&self, along: [f64; 2]) -> f64 {
+        let along = along[0].max(along[1]);
         match &self.model {
-            Model::Junction(fit) => fit.wedge.blind().max(REACH[CurveKind::Junction as usize]).hypot(ALONG),
-            Model::Edge(_) => REACH[CurveKind::Edge as usize].hypot(ALONG),
+            Model::Junction(fit) => fit.wedge.blind().max(REACH[CurveKind::Junction as usize]).hypot(along),
+            Model::Edge(_) => REACH[CurveKind::Edge as usize].hypot(along),
             Model::Knee(fit) => {
                 let bend = fit.knee.length(0.0) + 1.0 + REACH[CurveKind::Edge as usize];
-                bend.max(REACH[CurveKind::Junction as usize]).hypot(ALONG)
+                bend.max(REACH[CurveKind::Junction as usize]).hypot(along)
             }
             Model::Corner(corner) => corner.reach(),
         }
     }
 
-    /// What the site makes of a place (blur units from its middle), within `factor` times its reach; of curves of a kind, or
-    /// of any.
-    fn claims(&self, at: DVec3, factor: f64, asked: Option<CurveKind>) -> Option<Claimed> {
+    /// What the site makes of a place (blur units from its middle), within `factor` times its reach, `along` its curve; of curves of
+    /// a kind, or of any.
+    fn claims(&self, at: DVec3, along: [f64; 2], factor: f64, asked: Option<CurveKind>) -> Option<Claimed> {
         let ([distance, z], kind) = match &self.model {
             Model::Junction(_) => (self.around(at), CurveKind::Junction),
             Model::Edge(_) => (self.around(at), CurveKind::Edge),
@@ -172,7 +177,7 @@ impl Site {
         };
         let reach = REACH[kind as usize].max(blind);
         let speaks = distance <= factor * reach
-            && z.abs() <= factor * ALONG
+            && z.abs() <= (factor * ALONG).max(along[usize::from(z > 0.0)])
             && asked.is_none_or(|asked| asked == kind);
         let score = distance / reach + 0.5 * z.abs() / ALONG;
         speaks.then_some(Claimed { score, distance, kind, blind: blind > 0.0 })
@@ -231,12 +236,50 @@ fn settled(units: BlurUnits, sites: Vec<Site>) -> Vec<Site> {
     out
 }
 
+/// How far each site speaks along its curve, back and on: where the next fit of the same curve is too far for both, halfway to it.
+fn alongs(units: BlurUnits, sites: &[Site]) -> Vec<[f64; 2]> {
+    let most = 2.0 * BRIDGED + SAME_CURVE;
+    let mut curves = ByBox::new(units.voxel(DVec3::splat(most)).max_element());
+    let kind_of = |site: &Site| site.left().map(|(kind, _)| kind as usize);
+    for (i, site) in sites.iter().enumerate() {
+        if let Some(kind) = kind_of(site) {
+            curves.insert(kind, site.at, i);
+        }
+    }
+    let seen = |from: &Site, other: &Site| {
+        let [off, z] = from.around(units.of(other.at - from.middle));
+        (off <= SAME_CURVE && z.abs() <= 2.0 * BRIDGED).then_some(z)
+    };
+    let materials = |site: &Site| {
+        let mut own = site.materials;
+        own[..if kind_of(site) == Some(CurveKind::Edge as usize) { 2 } else { 3 }].sort_unstable();
+        own
+    };
+    let along = |site: &Site| {
+        let mut along = [ALONG; 2];
+        let Some(kind) = kind_of(site) else { return along };
+        for other in curves.near(kind, site.at).map(|i| &sites[i]) {
+            if materials(site) == materials(other)
+                && seen(other, site).is_some()
+                && let Some(z) = seen(site, other)
+            {
+                let side = &mut along[usize::from(z > 0.0)];
+                *side = side.max(0.5 * z.abs());
+            }
+        }
+        along
+    };
+    sites.par_iter().map(along).collect()
+}
+
 impl Sites {
     /// Of these sites.
     #[must_use]
     pub fn new(units: BlurUnits, sites: Vec<Site>) -> Self {
         let sites = settled(units, sites);
-        let reaches: Vec<f64> = sites.iter().map(Site::farthest).collect();
+        let alongs = alongs(units, &sites);
+        let reaches: Vec<f64> =
+            sites.iter().zip(&alongs).map(|(site, along)| site.farthest(*along)).collect();
         let mut boxes: Vec<([u16; 3], u32)> = Vec::new();
         for (i, (site, reach)) in sites.iter().zip(&reaches).enumerate() {
             let reach = units.voxel(DVec3::splat(FARTHER * reach));
@@ -249,7 +292,7 @@ impl Sites {
             }
         }
         boxes.par_sort_unstable();
-        Self { units, sites, reaches, boxes }
+        Self { units, sites, alongs, reaches, boxes }
     }
 
     /// The sites.
@@ -281,8 +324,8 @@ impl Sites {
         self.best(self.in_box(key), place, factor, None)
     }
 
-    /// Where a curve of a kind passes the plane `coordinate` of an axis near a place on it (voxels), and its standard deviation
-    /// in blur units. Curves are followed `reach` blur units from the middles of their fits.
+    /// Where a curve of a kind passes the plane `coordinate` of an axis near a place on it (voxels), its standard deviation
+    /// in blur units, and whose it is. Curves are followed `reach` blur units from the middles of their fits.
     #[must_use]
     pub fn pierces(
         &self,
@@ -290,11 +333,11 @@ impl Sites {
         plane: [usize; 2],
         place: DVec3,
         reach: f64,
-    ) -> Option<(DVec3, f64)> {
-        let answers = self.of_curves(kind, place).into_iter().flatten();
-        answers
-            .into_iter()
-            .find_map(|answer| answer.site.pierces(kind, plane, self.units.per_voxel, place, reach))
+    ) -> Option<(DVec3, f64, &Site)> {
+        self.of_curves(kind, place).into_iter().flatten().find_map(|answer| {
+            let (at, sigma) = answer.site.pierces(kind, plane, self.units.per_voxel, place, reach)?;
+            Some((at, sigma, answer.site))
+        })
     }
 
     /// The point of a curve of a kind that is nearest to a place (voxels), and its standard deviation in blur units. Curves are
@@ -370,7 +413,9 @@ impl Sites {
                 continue;
             }
             let at = self.units.of(place - site.middle);
-            let Some(claimed) = site.claims(at, factor, asked) else { continue };
+            let Some(claimed) = site.claims(at, self.alongs[number as usize], factor, asked) else {
+                continue;
+            };
             if best.as_ref().is_none_or(|(s, _)| claimed.score < *s) {
                 let Claimed { score, distance, kind, blind } = claimed;
                 let yields = distance > PATCHES[kind as usize] && !blind;

@@ -50,9 +50,16 @@ impl Wishes for Located<'_> {
         self.on_curve(CurveKind::Junction, DVec3::from(safe.map(f64::from)))
     }
 
-    fn kink(&self, low: [usize; 3], axis: usize) -> Option<Node> {
-        let (at, sigma) = self.pierced(low, axis, CurveKind::Edge)?;
-        Some(Node { at: at.as_vec3().to_array(), sigma: sigma as f32 })
+    fn kink(&self, _: [usize; 3], _: usize, safe: [f32; 3]) -> Option<Node> {
+        // Not where the edge passes the face's plane: that may be behind a neighbour's kink.
+        self.on_curve(CurveKind::Edge, DVec3::from(safe.map(f64::from)))
+    }
+
+    fn facing(&self, labels: [MaterialId; 2], at: [f32; 3]) -> Option<[f32; 3]> {
+        let place = DVec3::from(at.map(f64::from));
+        let answer = self.sites.at(place).or_else(|| self.sites.within(place, FARTHER))?;
+        let passage = answer.site.passage(labels, answer.at)?;
+        Some((passage.normal * self.units.per_voxel).as_vec3().to_array())
     }
 
     fn apex(&self, low: [usize; 3], at: [f32; 3]) -> Option<Node> {

@@ -34,7 +34,7 @@ use crate::execution::{Execution, Stage};
 use crate::grid::{MaterialId, Pair, VertexKind};
 
 pub use pieces::march_pieces;
-pub use surroundings::{Surroundings, surroundings};
+pub use surroundings::{Facet, Surroundings, surroundings};
 
 pub(in crate::contour) use cell::{Cell, pair_of, worst};
 

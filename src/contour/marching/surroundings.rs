@@ -40,7 +40,17 @@ pub struct Surroundings {
     /// Vertices of the triangles, where they lie by construction, lattice units; some more than once.
     pub vertices: Vec<(SeamKey, [f32; 3])>,
     /// Triangles.
-    pub triangles: Vec<[SeamKey; 3]>,
+    pub triangles: Vec<Facet>,
+}
+
+/// A triangle around vertices that are wished elsewhere.
+#[derive(Debug, Clone, Copy)]
+pub struct Facet {
+    /// Its vertices; it faces from the material behind it to the one ahead.
+    pub vertices: [SeamKey; 3],
+    /// Where the interface that it is of faces where its vertices should lie, lattice units and of any length; not a number where that
+    /// is not known.
+    pub facing: [f32; 3],
 }
 
 impl Surroundings {
@@ -87,14 +97,16 @@ pub fn surroundings<W: Wishes>(
     });
     let found: Vec<Asked> = found.collect::<Result<_, ContourError>>()?;
     let wishes = || found.iter().flat_map(|asked| asked.values().flatten());
+    let wished: Wished = wishes().filter(|wish| wish.is_near()).map(|wish| (wish.key, wish.most())).collect();
     let near = cells_near(labels, wishes().filter(|wish| wish.is_near()), layers.clone());
     let parts: Vec<Surroundings> = near
         .par_chunks(1 << 10)
         .map(|cells| {
             let remembered = Remembered::new(rule);
-            let gatherer = Gatherer { labels, rule: &remembered, border, table: gatherer.table };
+            let around = Gatherer { labels, rule: &remembered, border, table: gatherer.table };
+            let facing = |labels, at| rule.facing(labels, at);
             let mut out = Surroundings::default();
-            cells.iter().for_each(|&low| gatherer.gather(&mut out, low));
+            cells.iter().for_each(|&low| around.gather(&mut out, low, &wished, facing));
             out
         })
         .collect();
@@ -134,6 +146,9 @@ fn cells_near<'a>(
 
 /// What was asked for in a look at cells, and the wishes.
 type Asked = HashMap<SeamKey, Option<Wish>, FixedState>;
+
+/// Where vertices should lie, as near as they may.
+type Wished = HashMap<SeamKey, [f32; 3], FixedState>;
 
 struct Gatherer<'a, W> {
     labels: &'a LabelVolume,
@@ -235,7 +250,7 @@ impl<W: Wishes> Gatherer<'_, W> {
                 let safe =
                     || kink_of(self.rule, from, axis).map_or([f32::NAN; 3], |kink| place(from, kink.at));
                 let key = SeamKey::new(SeamKey::KINKS[axis], from);
-                ask(key, &safe, &|_| Wishes::kink(self.rule, from, axis));
+                ask(key, &safe, &|safe| Wishes::kink(self.rule, from, axis, safe));
             }
         }
         let surface = self.table.surface(entry);
@@ -277,7 +292,13 @@ impl<C: CrossingRule> Gatherer<'_, C> {
     }
 
     /// Adds the triangles of a cell.
-    fn gather(&self, out: &mut Surroundings, low: [usize; 3]) {
+    fn gather(
+        &self,
+        out: &mut Surroundings,
+        low: [usize; 3],
+        wished: &Wished,
+        facing: impl Fn([MaterialId; 2], [f32; 3]) -> Option<[f32; 3]>,
+    ) {
         let cell = Cell::at(self.labels, low);
         if cell.labels == [cell.labels[0]; CORNERS] {
             return;
@@ -324,14 +345,21 @@ impl<C: CrossingRule> Gatherer<'_, C> {
         };
         let mut used = [false; 32];
         for t in triangles.iter().filter(|t| pair_of(cell.sides(t), self.border).is_some()) {
-            let keys = t.vertices.map(|v| {
+            let corners = t.vertices.map(|v| {
                 let (key, at) = vertex(v);
                 if !std::mem::replace(&mut used[usize::from(v)], true) {
                     out.vertices.push((key, at));
                 }
-                key
+                (key, wished.get(&key), at)
             });
-            out.triangles.push(keys);
+            let moves = corners.iter().any(|corner| corner.1.is_some());
+            let at = corners.map(|(_, wished, at)| wished.copied().unwrap_or(at));
+            let middle = [0, 1, 2].map(|a| at.iter().map(|p| p[a]).sum::<f32>() / 3.0);
+            let facing = if moves { facing(cell.sides(t), middle) } else { None };
+            out.triangles.push(Facet {
+                vertices: corners.map(|corner| corner.0),
+                facing: facing.unwrap_or([f32::NAN; 3]),
+            });
         }
     }
 }
