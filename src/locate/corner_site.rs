@@ -36,6 +36,8 @@ struct Line {
     direction: DVec3,
     /// Two of the sheets that meet in it: planes, or the materials beside.
     sheets: [[usize; 2]; 2],
+    /// The materials around it, some more than once.
+    around: [MaterialId; 4],
 }
 
 /// A curve that leaves a corner, seen from a place.
@@ -64,7 +66,8 @@ fn lines_of(shape: &Shape, materials: &[MaterialId; MATERIALS]) -> Vec<Line> {
                     LineKind::Edge | LineKind::Crossing => CurveKind::Edge,
                     LineKind::Junction => CurveKind::Junction,
                 };
-                Some(Line { kind, direction: line.direction, sheets: line.planes.map(|i| [i; 2]) })
+                let around = line.around.map(|m| materials[usize::from(m)]);
+                Some(Line { kind, direction: line.direction, sheets: line.planes.map(|i| [i; 2]), around })
             })
             .collect(),
         Shape::Cones(fit) => (0..4)
@@ -79,7 +82,8 @@ fn lines_of(shape: &Shape, materials: &[MaterialId; MATERIALS]) -> Vec<Line> {
                 // Sheets between equal materials are not seen.
                 let mut seen =
                     [[a, b], [b, c], [c, a]].into_iter().filter(|s| materials[s[0]] != materials[s[1]]);
-                Some(Line { kind, direction: fit.cone.rays[ray], sheets: [seen.next()?, seen.next()?] })
+                let sheets = [seen.next()?, seen.next()?];
+                Some(Line { kind, direction: fit.cone.rays[ray], sheets, around: [x, y, z, z] })
             })
             .collect(),
     }
@@ -309,10 +313,24 @@ impl CornerSite {
         Some((at, self.line_sigma(line, at)))
     }
 
-    /// The point of a curve of the asked kind that is nearest to a place, and the standard deviation there; all in blur units.
+    /// Whether a curve of a kind has just these materials around it, no one twice.
     #[must_use]
-    pub(super) fn nearest_point(&self, kind: CurveKind, near: DVec3) -> Option<(DVec3, f64)> {
-        let own = self.lines.iter().filter(|line| line.kind == kind);
+    pub(super) fn is_between(&self, kind: CurveKind, materials: &[MaterialId]) -> bool {
+        self.lines.iter().any(|line| line.kind == kind && are_same(materials, &line.around))
+    }
+
+    /// The point of a curve of the asked kind that is nearest to a place, and the standard deviation there; all in blur units. Of curves
+    /// with just `materials` around them, if there is one.
+    #[must_use]
+    pub(super) fn nearest_point(
+        &self,
+        kind: CurveKind,
+        near: DVec3,
+        materials: &[MaterialId],
+    ) -> Option<(DVec3, f64)> {
+        let are_told = self.is_between(kind, materials);
+        let is_own = |line: &&Line| line.kind == kind && (!are_told || are_same(materials, &line.around));
+        let own = self.lines.iter().filter(is_own);
         let r = near - self.apex();
         let line = own.min_by(|a, b| self.beside(a, r, near).total_cmp(&self.beside(b, r, near)))?;
         if line.direction.dot(r) <= 0.0 {
@@ -362,6 +380,11 @@ impl CornerSite {
         }
         (0.0..=self.reach).contains(&(at - apex).dot(line.direction)).then_some(at)
     }
+}
+
+/// Whether `all` are just `materials`, of which none comes twice.
+pub(super) fn are_same(materials: &[MaterialId], all: &[MaterialId]) -> bool {
+    all.iter().all(|m| materials.contains(m)) && materials.iter().all(|m| all.contains(m))
 }
 
 /// A quarter of a plane: the part on one side of each of the other two.

@@ -225,12 +225,7 @@ fn around(voxel: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
 impl Located<'_> {
     /// Where a curve of the asked kind passes the plane of the face across `axis` with lowest padded corner `low`.
     fn pierced(&self, low: [usize; 3], axis: usize, kind: CurveKind) -> Option<Pierced<'_>> {
-        let mut corners = [low; 4];
-        for (c, corner) in corners.iter_mut().enumerate() {
-            corner[(axis + 1) % 3] += c & 1;
-            corner[(axis + 2) % 3] += c >> 1;
-        }
-        if !corners.iter().any(|p| self.zone.bit(0, p[0], p[1], p[2])) {
+        if !face_corners(low, axis).any(|p| self.zone.bit(0, p[0], p[1], p[2])) {
             return None;
         }
         let voxel = DVec3::from(low.map(|c| c as f64 - 1.0));
@@ -297,6 +292,17 @@ impl Located<'_> {
         });
         sheets(&classes, join).len() > 1
     }
+}
+
+/// The corners of the face across `axis` whose lowest one is `low`.
+pub(super) fn face_corners(low: [usize; 3], axis: usize) -> impl Iterator<Item = [usize; 3]> {
+    let [u, v] = other_axes(axis);
+    (0..4).map(move |c| {
+        let mut corner = low;
+        corner[u] += c & 1;
+        corner[v] += c >> 1;
+        corner
+    })
 }
 
 /// Where a curve passes the plane of a face.

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::corner_site::CornerSite;
+use super::corner_site::{CornerSite, are_same};
 use super::knee::KneeFit;
 use super::passage::Passage;
 use super::sites::CurveKind;
@@ -94,6 +94,21 @@ impl Site {
         )
     }
 
+    /// Whether a curve of a kind that it knows has just these materials around it, no one twice.
+    #[must_use]
+    pub fn is_between(&self, kind: CurveKind, materials: &[MaterialId]) -> bool {
+        match (&self.model, kind) {
+            (Model::Corner(corner), _) => corner.is_between(kind, materials),
+            (Model::Junction(_) | Model::Knee(_), CurveKind::Junction) => {
+                are_same(materials, &self.materials)
+            }
+            (Model::Edge(_), CurveKind::Edge) => are_same(materials, &self.materials[..2]),
+            // Which of its sheets bends is not asked for: an edge of two of its materials.
+            (Model::Knee(_), CurveKind::Edge) => materials.iter().all(|m| self.materials.contains(m)),
+            _ => false,
+        }
+    }
+
     /// Which of its sheets between two materials a place lies on or next to; the number only tells sheets apart.
     #[must_use]
     pub fn sheet(&self, pair: [MaterialId; 2], at: DVec3) -> Option<usize> {
@@ -158,7 +173,8 @@ impl Site {
     }
 
     /// The point of a curve of the asked kind that is nearest to `near`, in voxels, and its standard deviation in blur units;
-    /// `None` if it is farther than `reach` from where the fit is centred (a corner knows its own).
+    /// `None` if it is farther than `reach` from where the fit is centred (a corner knows its own). Of a corner's curves one with just
+    /// `materials` around it, if there is one.
     #[must_use]
     pub fn nearest(
         &self,
@@ -166,6 +182,7 @@ impl Site {
         per_voxel: DVec3,
         near: DVec3,
         reach: f64,
+        materials: &[MaterialId],
     ) -> Option<(DVec3, f64)> {
         let at = (near - self.middle) * per_voxel;
         let (at, sigma) = with_model!(self, fit => {
@@ -174,7 +191,7 @@ impl Site {
         }, knee => {
             let (_, z) = knee.knee.around(at);
             (z.abs() <= reach).then(|| (knee.knee.point(kind, z), knee.curve_sigma(kind, z)))
-        }, corner => corner.nearest_point(kind, at))?;
+        }, corner => corner.nearest_point(kind, at, materials))?;
         Some((self.middle + at / per_voxel, sigma))
     }
 

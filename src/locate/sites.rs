@@ -334,26 +334,44 @@ impl Sites {
         place: DVec3,
         reach: f64,
     ) -> Option<(DVec3, f64, &Site)> {
-        self.of_curves(kind, place).into_iter().flatten().find_map(|answer| {
+        self.of_curves(kind, place, |_| true).into_iter().flatten().find_map(|answer| {
             let (at, sigma) = answer.site.pierces(kind, plane, self.units.per_voxel, place, reach)?;
             Some((at, sigma, answer.site))
         })
     }
 
     /// The point of a curve of a kind that is nearest to a place (voxels), and its standard deviation in blur units. Curves are
-    /// followed `reach` blur units from the middles of their fits.
+    /// followed `reach` blur units from the middles of their fits. Of curves with just `materials` around them, if there is one.
     #[must_use]
-    pub fn nearest(&self, kind: CurveKind, place: DVec3, reach: f64) -> Option<(DVec3, f64)> {
-        let answers = self.of_curves(kind, place).into_iter().flatten();
-        answers.into_iter().find_map(|answer| answer.site.nearest(kind, self.units.per_voxel, place, reach))
+    pub fn nearest(
+        &self,
+        kind: CurveKind,
+        place: DVec3,
+        reach: f64,
+        materials: &[MaterialId],
+    ) -> Option<(DVec3, f64)> {
+        let point =
+            |answer: Answer<'_>| answer.site.nearest(kind, self.units.per_voxel, place, reach, materials);
+        let is_between = |site: &Site| site.is_between(kind, materials);
+        let own = self.of_curves(kind, place, is_between);
+        own.into_iter().flatten().find_map(point).or_else(|| {
+            let any = self.of_curves(kind, place, |_| true);
+            any.into_iter().flatten().find_map(point)
+        })
     }
 
-    /// Who speaks for curves of a kind near a place (voxels), the better first.
-    fn of_curves(&self, kind: CurveKind, place: DVec3) -> [Option<Answer<'_>>; 2] {
+    /// Who of those that are `asked` speaks for curves of a kind near a place (voxels), the better first.
+    fn of_curves(
+        &self,
+        kind: CurveKind,
+        place: DVec3,
+        asked: impl Fn(&Site) -> bool,
+    ) -> [Option<Answer<'_>>; 2] {
         let key = [place.z, place.y, place.x].map(|c| (c.max(0.0) / SIDE as f64) as u16);
         let is_corner = |site: &u32| matches!(self.site(*site).model, Model::Corner(_));
-        let corner = self.best(self.in_box(key).filter(is_corner), place, FARTHER, Some(kind));
-        let curve = self.best(self.in_box(key).filter(|site| !is_corner(site)), place, FARTHER, Some(kind));
+        let own = || self.in_box(key).filter(|site| asked(self.site(*site)));
+        let corner = self.best(own().filter(is_corner), place, FARTHER, Some(kind));
+        let curve = self.best(own().filter(|site| !is_corner(site)), place, FARTHER, Some(kind));
         // Within a corner's ball its curves are all there are; beyond, those of other fits come first.
         let is_inside = |a: &Answer<'_>| self.units.of(a.site.at - place).length() <= CORNER;
         if corner.is_some_and(|a| is_inside(&a)) { [corner, curve] } else { [curve, corner] }

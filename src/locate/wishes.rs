@@ -5,18 +5,27 @@
 
 use glam::DVec3;
 
-use super::rule::{BESIDE, FAR, Located};
+use super::rule::{BESIDE, FAR, Located, face_corners};
 use super::sites::{CurveKind, FARTHER};
 use crate::contour::{CrossingRule, Node, Wishes};
 use crate::grid::MaterialId;
+use crate::grid::cube::{CORNERS, corner_offset};
 
 /// A crossing keeps this distance from the curve at which its sheet ends, blur units: triangles between the two need a height.
 const OFF_CURVE: f64 = 0.2;
 
 impl Located<'_> {
-    /// The point of a curve nearest to a place (voxels).
-    fn on_curve(&self, kind: CurveKind, place: DVec3) -> Option<Node> {
-        let (at, sigma) = self.sites.nearest(kind, place, FAR)?;
+    /// The point of a curve between the materials of some voxels (padded) nearest to a place (voxels).
+    fn on_curve(
+        &self,
+        kind: CurveKind,
+        place: DVec3,
+        voxels: impl Iterator<Item = [usize; 3]>,
+    ) -> Option<Node> {
+        let mut materials: Vec<MaterialId> = voxels.map(|voxel| self.labels.at(voxel)).collect();
+        materials.sort_unstable();
+        materials.dedup();
+        let (at, sigma) = self.sites.nearest(kind, place, FAR, &materials)?;
         Some(Node { at: at.as_vec3().to_array(), sigma: self.voxels(sigma) as f32 })
     }
 }
@@ -46,13 +55,13 @@ impl Wishes for Located<'_> {
         Some(Node { at: at.as_vec3().to_array(), sigma: self.voxels(sigma) as f32 })
     }
 
-    fn node(&self, _: [usize; 3], _: usize, safe: [f32; 3]) -> Option<Node> {
-        self.on_curve(CurveKind::Junction, DVec3::from(safe.map(f64::from)))
+    fn node(&self, low: [usize; 3], axis: usize, safe: [f32; 3]) -> Option<Node> {
+        self.on_curve(CurveKind::Junction, DVec3::from(safe.map(f64::from)), face_corners(low, axis))
     }
 
-    fn kink(&self, _: [usize; 3], _: usize, safe: [f32; 3]) -> Option<Node> {
+    fn kink(&self, low: [usize; 3], axis: usize, safe: [f32; 3]) -> Option<Node> {
         // Not where the edge passes the face's plane: that may be behind a neighbour's kink.
-        self.on_curve(CurveKind::Edge, DVec3::from(safe.map(f64::from)))
+        self.on_curve(CurveKind::Edge, DVec3::from(safe.map(f64::from)), face_corners(low, axis))
     }
 
     fn facing(&self, labels: [MaterialId; 2], at: [f32; 3]) -> Option<[f32; 3]> {
@@ -66,6 +75,10 @@ impl Wishes for Located<'_> {
         if let Some((at, sigma)) = self.sites.corner(DVec3::from(low.map(|c| c as f64 - 1.0))) {
             return Some(Node { at: at.as_vec3().to_array(), sigma: self.voxels(sigma) as f32 });
         }
-        self.on_curve(CurveKind::Junction, DVec3::from(at.map(f64::from)))
+        let corners = (0..CORNERS).map(|c| {
+            let offset = corner_offset(c);
+            [0, 1, 2].map(|a| low[a] + offset[a])
+        });
+        self.on_curve(CurveKind::Junction, DVec3::from(at.map(f64::from)), corners)
     }
 }
