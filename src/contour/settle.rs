@@ -25,13 +25,13 @@ use crate::grid::{Geometry, Written};
 use crate::triangle::{Search, VertexTable, is_without_area, without_area};
 
 /// A wish is granted in so many parts.
-const PARTS: u8 = 4;
+const PARTS: u8 = 8;
 /// What was refused is tried again, where neighbours have settled: group after group, for vertices that are in each other's way
 /// may each be granted alone, or some of them together. So many groups, other ones in each of so many cycles.
 const GROUPS: usize = 5;
 const CYCLES: usize = 6;
 /// A cycle that grants less than this part of what is refused is the last.
-const ENOUGH: usize = 64;
+const ENOUGH: usize = 32;
 /// Height of a triangle over its longest side, lattice units, below which it is a sliver; those that are flatter by construction
 /// may not become flatter still.
 const FLATTEST: f64 = 0.02;
@@ -267,7 +267,8 @@ impl<'a> Settling<'a> {
         back.sort_unstable();
         back.dedup();
         for &w in &back {
-            self.parts[w as usize] -= 1;
+            let (part, least) = (&mut self.parts[w as usize], self.least[w as usize]);
+            *part = least + (*part - least) / 2;
             self.place(w as usize);
         }
         self.moved.sort_unstable();

@@ -449,3 +449,7 @@ impl Cone {
         beside[0].min(beside[1])
     }
 }
+
+#[cfg(test)]
+#[path = "corner_site_tests.rs"]
+mod tests;

@@ -83,11 +83,10 @@ impl<'a> SizeTrees<'a> {
             let b = this.box_of(t);
             ((b.high - b.low).max_element().max(f32::MIN_POSITIVE).to_bits() >> 23) as i32
         };
-        let largest = (0..triangles.len()).into_par_iter().map(exponent).max().unwrap_or(0);
+        let kept = || (0..triangles.len()).into_par_iter().filter(|&t| keep(t));
+        let largest = kept().map(exponent).max().unwrap_or(0);
         let scale = this.morton_scale(low, high);
-        let mut keyed: Vec<(u64, u32)> = (0..triangles.len())
-            .into_par_iter()
-            .filter(|&t| keep(t))
+        let mut keyed: Vec<(u64, u32)> = kept()
             .map(|t| {
                 let class = (((largest - exponent(t)) / 3) as u64).min(CLASSES as u64 - 1);
                 let b = this.box_of(t);
