@@ -1,14 +1,16 @@
 //! Which wishes can be granted: those after which no triangles meet.
 //!
 //! All are granted at once. Then triangles that meet where they must not, that have turned over or become slivers are
-//! looked for, and their vertices go back a quarter of the way; again, until nothing offends. With no moves the
+//! looked for, and their vertices go half of the way back; again, until nothing offends. With no moves the
 //! surface is what marching promises, so this ends there at the latest. Then what was refused is tried again, a fifth at a time, the
 //! others staying where they are.
 //!
 //! **Turned over** is a triangle that faced as the interface does that it is of, where its vertices should lie, and does so no more. Where a
 //! lattice edge meets two sheets, what construction makes of it may stand across the sheet: it is not what triangles are measured
-//! by, unless nothing else is known. Those that face away by construction may do anything but meet others. All vertices go back together and triangles are
-//! judged by exact tests of places as they will be written, so neither threads nor slabs show in the result.
+//! by, unless nothing else is known. Those that face away by construction may do anything but meet others.
+//!
+//! All vertices go back together and triangles are judged by exact tests of places as they will be written, so neither threads nor
+//! slabs show in the result.
 
 use std::collections::HashSet;
 
@@ -182,7 +184,7 @@ impl<'a> Settling<'a> {
                 .flat_map(move |z| (low.y..=high.y).map(move |y| [y, z]))
                 .flat_map(move |[y, z]| (low.x..=high.x).map(move |x| [x, y, z]))
         };
-        let refused = (0..self.wishes.len()).filter(|&i| self.parts[i] < PARTS && self.wishes[i].is_near());
+        let refused = self.movable().filter(|&i| self.parts[i] < PARTS);
         let moving = refused.flat_map(|i| self.at.triangles(self.vertex[i] as usize));
         let boxes: HashSet<[i32; 3], FixedState> =
             moving.flat_map(|&t| swept(&self.triangles[t as usize])).collect();
@@ -255,7 +257,7 @@ impl<'a> Settling<'a> {
         self.left_out.iter().any(|left_out| left_out[t as usize])
     }
 
-    /// Takes back by a part what moved the vertices of these triangles; whether there was any.
+    /// Takes back by half, of what may be, what moved the vertices of these triangles; whether there was any.
     fn take_back(&mut self, offending: &[u32]) -> bool {
         let mut back: Vec<u32> = Vec::new();
         for &t in offending {
