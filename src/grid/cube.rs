@@ -23,6 +23,13 @@ pub const fn corner_offset(c: usize) -> [usize; 3] {
     [c & 1, (c >> 1) & 1, (c >> 2) & 1]
 }
 
+/// Lattice point at corner `c` of the cell whose lowest corner is `low`.
+#[must_use]
+pub const fn corner_at(low: [usize; 3], c: usize) -> [usize; 3] {
+    let offset = corner_offset(c);
+    [low[0] + offset[0], low[1] + offset[1], low[2] + offset[2]]
+}
+
 /// The two axes other than `axis`, ascending.
 #[must_use]
 pub const fn other_axes(axis: usize) -> [usize; 2] {

@@ -12,7 +12,7 @@ use crate::classify::{BitPlanes, LabelVolume};
 use crate::contour::pattern::{classes_of, is_ambiguous, sheets};
 use crate::contour::{CROSSING_MARGIN, CrossingRule, Moves, Node};
 use crate::grid::MaterialId;
-use crate::grid::cube::{CORNERS, FACES, corner_offset, face_ring, other_axes};
+use crate::grid::cube::{CORNERS, FACES, corner_at, edge_axis, edge_between, edge_corners, face_ring};
 
 /// A crossing found by a model may lie this far beyond its edge (in edge lengths) and is put to the edge's end;
 /// farther, the model is not of this interface.
@@ -242,7 +242,7 @@ impl Located<'_> {
     ///
     /// The face's crossings must lie on two of its sheets. Where they do not, the edge passes beside the segment between them,
     /// within the face or not; where they do, it passes between them, if only somewhat outside of the face.
-    pub(super) fn bend(&self, low: [usize; 3], axis: usize) -> Option<Pierced<'_>> {
+    fn bend(&self, low: [usize; 3], axis: usize) -> Option<Pierced<'_>> {
         let pierced = self.pierced(low, axis, CurveKind::Edge).filter(|p| p.outside <= MOST_ASIDE)?;
         match self.sheets_of(pierced.site, low, axis) {
             Some([a, b]) => (a != b).then_some(pierced),
@@ -252,30 +252,25 @@ impl Located<'_> {
 
     /// The sheets of a site on which the two crossings of a face of two materials lie; `None` if one is not known or not the site's.
     fn sheets_of(&self, site: &Site, low: [usize; 3], axis: usize) -> Option<[usize; 2]> {
-        let [u, v] = other_axes(axis);
-        let mut found =
-            [0, 1].into_iter().flat_map(|k| [(u, v, k), (v, u, k)]).filter_map(|(along, across, k)| {
-                let mut from = low;
-                from[across] += k;
-                let mut to = from;
-                to[along] += 1;
-                let labels = [self.labels.at(from), self.labels.at(to)];
-                (labels[0] != labels[1]).then(|| {
-                    let t = self.located(from, along, labels)?;
-                    let place = DVec3::from(from.map(|c| c as f64 - 1.0)) + DVec3::AXES[along] * f64::from(t);
-                    site.sheet(labels, self.units.of(place - site.middle))
-                })
-            });
+        let ring = face_ring(2 * axis);
+        let mut found = (0..4).filter_map(|k| {
+            let e = edge_between(ring[k], ring[(k + 1) % 4]);
+            let along = edge_axis(e);
+            let [from, to] = edge_corners(e).map(|c| corner_at(low, c));
+            let labels = [self.labels.at(from), self.labels.at(to)];
+            (labels[0] != labels[1]).then(|| {
+                let t = self.located(from, along, labels)?;
+                let place = DVec3::from(from.map(|c| c as f64 - 1.0)) + DVec3::AXES[along] * f64::from(t);
+                site.sheet(labels, self.units.of(place - site.middle))
+            })
+        });
         let both = [found.next()??, found.next()??];
         Some(both)
     }
 
     /// Whether the cell with lowest padded corner `low` has several sheets.
     fn is_crowded(&self, low: [usize; 3]) -> bool {
-        let corners: [[usize; 3]; CORNERS] = std::array::from_fn(|c| {
-            let offset = corner_offset(c);
-            std::array::from_fn(|a| low[a] + offset[a])
-        });
+        let corners: [[usize; 3]; CORNERS] = std::array::from_fn(|c| corner_at(low, c));
         let labels = corners.map(|at| self.labels.at(at));
         let first = (0..CORNERS).filter(|&c| labels[c] == labels[0]).fold(0u8, |set, c| set | 1 << c);
         let others = (0..CORNERS).find(|&c| labels[c] != labels[0]).map(|c| labels[c]);
@@ -294,23 +289,17 @@ impl Located<'_> {
     }
 }
 
-/// The corners of the face across `axis` whose lowest one is `low`.
+/// The corners (padded) of the face across `axis` whose lowest one is `low`.
 pub(super) fn face_corners(low: [usize; 3], axis: usize) -> impl Iterator<Item = [usize; 3]> {
-    let [u, v] = other_axes(axis);
-    (0..4).map(move |c| {
-        let mut corner = low;
-        corner[u] += c & 1;
-        corner[v] += c >> 1;
-        corner
-    })
+    face_ring(2 * axis).into_iter().map(move |c| corner_at(low, c))
 }
 
 /// Where a curve passes the plane of a face.
-pub(super) struct Pierced<'a> {
+struct Pierced<'a> {
     /// In voxels.
-    pub(super) at: DVec3,
+    at: DVec3,
     /// Its standard deviation, voxels.
-    pub(super) sigma: f64,
+    sigma: f64,
     site: &'a Site,
     /// How far outside of the face, in edges; negative inside.
     outside: f64,

@@ -11,6 +11,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::by_box::ByBox;
+use super::corner_site::are_same;
 use super::frame::BlurUnits;
 use super::site::{Model, Site};
 use crate::classify::{BitPlanes, LabelVolume, WORD};
@@ -250,16 +251,19 @@ fn alongs(units: BlurUnits, sites: &[Site]) -> Vec<[f64; 2]> {
         let [off, z] = from.around(units.of(other.at - from.middle));
         (off <= SAME_CURVE && z.abs() <= 2.0 * BRIDGED).then_some(z)
     };
-    let materials = |site: &Site| {
-        let mut own = site.materials;
-        own[..if kind_of(site) == Some(CurveKind::Edge as usize) { 2 } else { 3 }].sort_unstable();
-        own
+    // Of an edge it counts which of its materials is in the corner; fits of a junction may begin at any of theirs.
+    let are_alike = |kind: usize, a: &Site, b: &Site| {
+        if kind == CurveKind::Edge as usize {
+            a.materials == b.materials
+        } else {
+            are_same(&a.materials, &b.materials)
+        }
     };
     let along = |site: &Site| {
         let mut along = [ALONG; 2];
         let Some(kind) = kind_of(site) else { return along };
         for other in curves.near(kind, site.at).map(|i| &sites[i]) {
-            if materials(site) == materials(other)
+            if are_alike(kind, site, other)
                 && seen(other, site).is_some()
                 && let Some(z) = seen(site, other)
             {

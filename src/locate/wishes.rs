@@ -9,7 +9,7 @@ use super::rule::{BESIDE, FAR, Located, face_corners};
 use super::sites::{CurveKind, FARTHER};
 use crate::contour::{CrossingRule, Node, Wishes};
 use crate::grid::MaterialId;
-use crate::grid::cube::{CORNERS, corner_offset};
+use crate::grid::cube::{CORNERS, corner_at};
 
 /// A crossing keeps this distance from the curve at which its sheet ends, blur units: triangles between the two need a height.
 const OFF_CURVE: f64 = 0.2;
@@ -75,10 +75,7 @@ impl Wishes for Located<'_> {
         if let Some((at, sigma)) = self.sites.corner(DVec3::from(low.map(|c| c as f64 - 1.0))) {
             return Some(Node { at: at.as_vec3().to_array(), sigma: self.voxels(sigma) as f32 });
         }
-        let corners = (0..CORNERS).map(|c| {
-            let offset = corner_offset(c);
-            [0, 1, 2].map(|a| low[a] + offset[a])
-        });
+        let corners = (0..CORNERS).map(|c| corner_at(low, c));
         self.on_curve(CurveKind::Junction, DVec3::from(at.map(f64::from)), corners)
     }
 }

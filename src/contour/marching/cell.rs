@@ -4,7 +4,8 @@ use crate::classify::LabelVolume;
 use crate::contour::crossing::{CROSSING_MARGIN, CrossingRule, Node};
 use crate::contour::pattern::{Apex, CellSurface, CellTriangle, PatternTable};
 use crate::grid::cube::{
-    CORNERS, EDGES, FACES, corner_offset, edge_axis, edge_between, edge_corners, face_ring, other_axes,
+    CORNERS, EDGES, FACES, corner_at, corner_offset, edge_axis, edge_between, edge_corners, face_ring,
+    other_axes,
 };
 use crate::grid::{MaterialId, Pair, VertexKind};
 
@@ -45,8 +46,7 @@ impl Cell {
 
     /// Corner `c` of the cell in the padded lattice.
     pub(super) fn corner(&self, c: usize) -> [usize; 3] {
-        let offset = corner_offset(c);
-        std::array::from_fn(|a| self.low[a] + offset[a])
+        corner_at(self.low, c)
     }
 
     /// The table's entry for a cell with the corner partition `partition`.
