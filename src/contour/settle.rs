@@ -12,11 +12,7 @@
 //! All vertices go back together and triangles are judged by exact tests of places as they will be written, so neither threads nor
 //! slabs show in the result.
 
-use std::collections::HashSet;
-
-use foldhash::fast::FixedState;
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::error::ContourError;
 use super::marching::Surroundings;
@@ -24,7 +20,7 @@ use super::moves::{Move, Moves, Wish};
 use super::piece::SeamKey;
 use crate::execution::Execution;
 use crate::grid::{Geometry, Written};
-use crate::triangle::{Search, VertexTable, is_without_area, without_area};
+use crate::triangle::{MovingTriangles, VertexTable, is_without_area, without_area};
 
 /// A wish is granted in so many parts.
 const PARTS: u8 = 8;
@@ -49,7 +45,6 @@ pub fn settle(
 ) -> Result<Moves, ContourError> {
     let mut settling = Settling::new(around, geometry);
     while settling.round(execution)? {}
-    settling.keep_near_refused();
     for cycle in 0..CYCLES {
         let before = settling.refused();
         for group in 0..GROUPS {
@@ -111,6 +106,8 @@ struct Settling<'a> {
     /// Where they should face; not a number where that is not known.
     facing: Vec<[f32; 3]>,
     at: VertexTable,
+    /// The triangles by where they may come.
+    moving: MovingTriangles,
     /// Triangles of vertices that were moved and not looked at since.
     moved: Vec<u32>,
     /// Triangles without area in either place.
@@ -118,8 +115,6 @@ struct Settling<'a> {
 }
 
 const NONE: u32 = u32::MAX;
-/// Edge of a box in which triangles are looked for that may meet, lattice units.
-const BOX: f64 = 4.0;
 
 impl<'a> Settling<'a> {
     fn new(around: Surroundings, geometry: &'a Geometry) -> Self {
@@ -141,6 +136,11 @@ impl<'a> Settling<'a> {
         let safe: Vec<DVec3> = vertices.iter().map(|v| DVec3::from(v.1.map(f64::from))).collect();
         let positions = [safe.clone(), safe.iter().map(|&p| written.place(p)).collect()];
         let left_out = [0, 1].map(|i| without_area(&positions[i], &triangles));
+        let farthest = |v: u32| match wish[v as usize] {
+            NONE => safe[v as usize],
+            w => DVec3::from(wishes[w as usize].most().map(f64::from)),
+        };
+        let moving = MovingTriangles::new(|v| [safe[v as usize], farthest(v)], &triangles);
         let mut out = Self {
             written,
             parts: wishes.iter().map(|wish| if wish.is_near() { PARTS } else { 0 }).collect(),
@@ -150,6 +150,7 @@ impl<'a> Settling<'a> {
             positions,
             safe,
             at: VertexTable::new(vertices.len(), &triangles),
+            moving,
             moved: Vec::new(),
             left_out,
             triangles,
@@ -162,41 +163,6 @@ impl<'a> Settling<'a> {
             }
         }
         out
-    }
-
-    /// Leaves out the triangles that no vertex of a wish that was refused can reach: nothing else moves any more.
-    fn keep_near_refused(&mut self) {
-        let swept = |t: &[u32; 3]| {
-            let ends = |&v: &u32| {
-                let wish = self.wish[v as usize];
-                let most = if wish == NONE {
-                    self.safe[v as usize]
-                } else {
-                    DVec3::from(self.wishes[wish as usize].most().map(f64::from))
-                };
-                [self.safe[v as usize], most]
-            };
-            let places = t.iter().flat_map(ends);
-            let (low, high) =
-                places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-            let [low, high] = [low, high].map(|p| (p / BOX).floor().as_ivec3());
-            (low.z..=high.z)
-                .flat_map(move |z| (low.y..=high.y).map(move |y| [y, z]))
-                .flat_map(move |[y, z]| (low.x..=high.x).map(move |x| [x, y, z]))
-        };
-        let refused = self.movable().filter(|&i| self.parts[i] < PARTS);
-        let moving = refused.flat_map(|i| self.at.triangles(self.vertex[i] as usize));
-        let boxes: HashSet<[i32; 3], FixedState> =
-            moving.flat_map(|&t| swept(&self.triangles[t as usize])).collect();
-        let kept: Vec<usize> = (0..self.triangles.len())
-            .into_par_iter()
-            .filter(|&t| swept(&self.triangles[t]).any(|key| boxes.contains(&key)))
-            .collect();
-        self.triangles = kept.iter().map(|&t| self.triangles[t]).collect();
-        self.facing = kept.iter().map(|&t| self.facing[t]).collect();
-        self.left_out = [0, 1].map(|i| kept.iter().map(|&t| self.left_out[i][t]).collect());
-        self.at = VertexTable::new(self.safe.len(), &self.triangles);
-        self.moved.clear();
     }
 
     /// Puts the vertex of a wish where it lies now; its triangles are to be looked at.
@@ -234,11 +200,10 @@ impl<'a> Settling<'a> {
     /// Takes back what offends; whether anything did. What a single triangle shows is looked at until none offends, before
     /// the search for triangles that meet, which costs most.
     fn round(&mut self, execution: &Execution) -> Result<bool, ContourError> {
-        let mut fresh = std::mem::take(&mut self.moved);
-        let mut asked = vec![false; self.triangles.len()];
+        let mut asked = std::mem::take(&mut self.moved);
+        let mut fresh = asked.clone();
         while !fresh.is_empty() {
             for &t in &fresh {
-                asked[t as usize] = true;
                 for (left_out, positions) in self.left_out.iter_mut().zip(&self.positions) {
                     left_out[t as usize] = is_without_area(positions, self.triangles[t as usize]);
                 }
@@ -247,10 +212,18 @@ impl<'a> Settling<'a> {
             let offending: Vec<u32> = fresh.into_iter().filter(offends).collect();
             self.take_back(&offending);
             fresh = std::mem::take(&mut self.moved);
+            asked.extend_from_slice(&fresh);
         }
-        let search = Search::new(&self.positions[1], &self.triangles, &self.left_out[1]);
-        let found = search.run(|t| asked[t], execution)?;
-        Ok(self.take_back(found.first.as_flattened()))
+        asked.sort_unstable();
+        asked.dedup();
+        let found = self.moving.meetings(
+            &self.positions[1],
+            &self.triangles,
+            &self.left_out[1],
+            &asked,
+            execution,
+        )?;
+        Ok(self.take_back(found.as_flattened()))
     }
 
     fn is_left_out(&self, t: u32) -> bool {

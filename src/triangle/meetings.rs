@@ -122,7 +122,7 @@ fn keep_lowest(pairs: &mut Vec<[u32; 2]>, keep: usize) {
 }
 
 /// Whether two triangles meet anywhere but in the vertices and edges they share.
-fn meet_wrongly(positions: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
+pub(super) fn meet_wrongly(positions: &[DVec3], a: [u32; 3], b: [u32; 3]) -> bool {
     let shared = |v: u32, other: &[u32; 3]| other.contains(&v);
     let point = |v: u32| positions[v as usize];
     let common: usize = a.iter().filter(|&&v| shared(v, &b)).count();
