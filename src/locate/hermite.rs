@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::rule::Located;
 use crate::classify::LabelVolume;
 use crate::contour::hermite::{GreyHermite, Qualities};
-use crate::contour::{CROSSING_MARGIN, CrossingRule, Hermite, HermiteRule, Node, NormalRule};
+use crate::contour::{CrossingRule, Hermite, HermiteRule, Node, NormalRule};
 use crate::grid::MaterialId;
 use crate::volume::{Sample, Slab};
 
@@ -61,13 +61,18 @@ impl CrossingRule for LocatedHermite<'_> {
 }
 
 impl HermiteRule for LocatedHermite<'_> {
+    fn knows_curves(&self) -> bool {
+        true
+    }
+
     fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite {
         let Some(found) = self.located.find(from, axis, labels) else {
             return self.grey.hermite(from, axis, labels);
         };
         let normal = (found.normal * self.scale).as_vec3().try_normalize();
         Hermite {
-            position: (found.position as f32).clamp(CROSSING_MARGIN, 1.0 - CROSSING_MARGIN),
+            // Beyond the edge, too: there its plane is.
+            position: found.position as f32,
             normal: normal.unwrap_or(Vec3::AXES[axis]),
             weight: 1.0,
         }

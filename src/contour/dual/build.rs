@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::knots::{OddCell, knots};
 use super::leaves::{
-    Cap, Crossing, Leaves, NONE, Root, flag, margined, pack_sigma, pack_weight, ring_edge, ring_offset,
+    Cap, Crossing, Leaves, NONE, Root, flag, pack_sigma, pack_weight, ring_edge, ring_offset,
 };
 use super::roots::{RootGrid, SIDE, morton, place};
 use crate::classify::LabelVolume;
@@ -116,6 +116,7 @@ impl Builder {
             flags: Vec::new(),
             crossings: Vec::new(),
             sigmas: Vec::new(),
+            knows_curves: false,
             foreign: Vec::new(),
             caps: Vec::new(),
             knots: Vec::new(),
@@ -158,6 +159,7 @@ impl Builder {
         assert_eq!(layers.start, self.next_layer, "layers come in order");
         if layers.start == 0 {
             self.has_sigmas = rule.has_sigmas();
+            self.leaves.knows_curves = rule.knows_curves();
         }
         let mut start = layers.start;
         while start < layers.end {
@@ -247,7 +249,9 @@ impl Builder {
                         labels: labels[at].1,
                     });
                 }
-                put_leaves(leaves, self.table.leaves(cell.entry.into()), root.number, place);
+                let two = self.table.packed().entry(cell.entry.into()).two_materials;
+                let curve = if two { 0 } else { flag::CURVE };
+                put_leaves(leaves, self.table.leaves(cell.entry.into()), root.number, place, curve);
             }
             root.leaves.end = leaves.places.len() as u32;
             above[in_layer] = Some(Lookup::new(&cells));
@@ -265,7 +269,7 @@ impl Builder {
                 leaves.crossings.extend(own.iter().map(|c| Crossing {
                     ring: [NONE; 4],
                     normal: c.hermite.normal,
-                    position: margined(c.hermite.position),
+                    position: c.hermite.position,
                     cell,
                     labels: c.labels,
                     axis: c.axis,
@@ -323,7 +327,7 @@ fn crossing(rule: &dyn HermiteRule, from: [usize; 3], axis: usize, labels: [Mate
 }
 
 /// Adds the leaves of a cell.
-fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, root: usize, at: u16) {
+fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, root: usize, at: u16, curve: u8) {
     let first = leaves.places.len() as u32;
     let (low, in_root) = (leaves.grid.low(root), place(at));
     let sides = leaves.grid.sides([0, 1, 2].map(|a| low[a] + in_root[a]));
@@ -337,7 +341,7 @@ fn put_leaves(leaves: &mut Leaves, cell: &CellLeaves, root: usize, at: u16) {
             leaves.caps.push(Cap { leaf: own, main, corners: leaf.cap });
         }
         leaves.places.push(at);
-        leaves.flags.push(simple | crowded | cap | border);
+        leaves.flags.push(simple | crowded | cap | border | curve);
     }
 }
 

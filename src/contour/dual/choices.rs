@@ -9,6 +9,8 @@ pub(super) struct Choices {
     pub(super) other_diagonal: Vec<u32>,
     /// Crossings whose polygon is a fan from the crossing.
     pub(super) stars: Vec<u32>,
+    /// Strays that went back into their cells.
+    pub(super) returned: Vec<u32>,
     /// Leaves at the mean of their crossings.
     pub(super) pinned: Vec<u32>,
     /// Where relaxation put leaves, in lengths about the middle of their root.

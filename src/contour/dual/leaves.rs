@@ -13,6 +13,7 @@ use glam::{DVec3, Vec3};
 
 use super::qef::{Place, Placement, Qef};
 use super::roots::{Block, RootGrid, place};
+use super::strays::strayed;
 use crate::contour::crossing::CROSSING_MARGIN;
 use crate::contour::marching::pair_of;
 use crate::contour::patch::Border;
@@ -22,6 +23,10 @@ use crate::grid::{MaterialId, Pair};
 /// No leaf, node or crossing.
 pub(super) const NONE: u32 = u32::MAX;
 
+/// Where curves are known, their vertices stay so many times closer to the planes of their crossings than other vertices: the
+/// tolerance is meant for faces, and curves are few.
+const CLOSER: f64 = 0.3;
+
 /// A crossing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Crossing {
@@ -29,7 +34,7 @@ pub(super) struct Crossing {
     pub(super) ring: [u32; 4],
     /// Unit normal in lengths, along the edge.
     pub(super) normal: Vec3,
-    /// Fraction of the edge.
+    /// Where its interface meets the edge's line, as a fraction of the edge: models may know it beyond the ends.
     pub(super) position: f32,
     /// Place in the root of the cell that it belongs to.
     pub(super) cell: u16,
@@ -42,15 +47,21 @@ pub(super) struct Crossing {
 }
 
 impl Crossing {
-    /// Where it is, in lengths about the middle of root `low`, whose distance from its own root is `apart`
+    /// Where it is on its edge, in lengths about the middle of root `low`, whose distance from its own root is `apart`
     /// cells.
     #[inline]
     pub(super) fn at(&self, grid: &RootGrid, apart: [i32; 3]) -> DVec3 {
         let cell = place(self.cell);
         let half = super::roots::SIDE as i32 / 2;
         let mut at = DVec3::from([0, 1, 2].map(|a| f64::from(cell[a] as i32 + apart[a] - half)));
-        at[usize::from(self.axis)] += f64::from(self.position);
+        at[usize::from(self.axis)] += f64::from(margined(self.position));
         at * grid.cell
+    }
+
+    /// How far its interface meets the edge's line beyond that, in lengths.
+    fn beyond(&self, grid: &RootGrid) -> DVec3 {
+        let axis = usize::from(self.axis);
+        DVec3::AXES[axis] * f64::from(self.position - margined(self.position)) * grid.cell[axis]
     }
 
     /// The pair of its polygon, and whether the ring must be turned over to face its front; `None` where an
@@ -90,6 +101,8 @@ pub(super) mod flag {
     pub(crate) const CAP: u8 = 4;
     /// Its cell reaches beyond the volume.
     pub(crate) const BORDER: u8 = 8;
+    /// A curve passes its cell.
+    pub(crate) const CURVE: u8 = 16;
 }
 
 /// What a root holds.
@@ -146,6 +159,8 @@ pub(super) struct Leaves {
     pub(super) crossings: Vec<Crossing>,
     /// Of each crossing, packed; empty if none are known.
     pub(super) sigmas: Vec<u16>,
+    /// Whether crossings are known so well that curves are where their planes cut.
+    pub(super) knows_curves: bool,
     pub(super) foreign: Vec<u32>,
     pub(super) caps: Vec<Cap>,
     pub(super) knots: Vec<Knot>,
@@ -163,6 +178,11 @@ impl Leaves {
         self.roots.partition_point(|r| r.crossings.end <= crossing)
     }
 
+    /// How many times closer than other vertices those of curves stay to the planes of their crossings.
+    pub(super) fn closer(&self) -> f64 {
+        if self.knows_curves { CLOSER } else { 1.0 }
+    }
+
     /// Where the vertex of a leaf may lie.
     pub(super) fn place(&self, root: &Root, leaf: u32) -> Place {
         let block = Block { low: self.places[leaf as usize], level: 0 };
@@ -176,7 +196,9 @@ impl Leaves {
         if self.flags[leaf as usize] & flag::CROWDED != 0 {
             place.clamp(qef.mass_point())
         } else {
-            placement.vertex(qef, &place)
+            let inside = placement.vertex(qef, &place);
+            let strays = placement == Placement::Clamped && self.may_stray(leaf);
+            if strays { strayed(self.grid.cell, qef, &place, inside) } else { inside }
         }
     }
 
@@ -220,6 +242,7 @@ impl Leaves {
         crossing: &Crossing,
         mut at: DVec3,
     ) {
+        at += crossing.beyond(&self.grid);
         if self.flags[leaf as usize] & flag::BORDER != 0 {
             let fixed = self.grid.fixed(root.number, self.sides(root, leaf));
             (0..3).for_each(|a| at[a] = fixed[a].unwrap_or(at[a]));

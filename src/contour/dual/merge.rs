@@ -68,6 +68,8 @@ const ROUNDS: u32 = 200;
 pub(super) struct MergeOptions {
     /// Root mean square distance from the planes of each of two vertices, voxels.
     pub(super) tolerance: f64,
+    /// What of it those on a curve may get.
+    pub(super) on_curves: f64,
     /// Length of a voxel, mm.
     pub(super) edge: f64,
     /// Merging ends with the first round that leaves no more triangles than this.
@@ -388,7 +390,8 @@ impl State<'_> {
         if kinds[0] == Kind::Fixed || kinds[1] > Kind::Curve || k.sides | g.sides != k.sides {
             return None;
         }
-        let limit = self.options.tolerance * self.options.tolerance;
+        let share = if kinds == [Kind::Curve; 2] { self.options.on_curves } else { 1.0 };
+        let limit = (share * self.options.tolerance).powi(2);
         let length = k.at.distance(g.at);
         let mut planes = k.planes;
         planes.merge(&g.planes);

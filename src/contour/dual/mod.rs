@@ -24,6 +24,7 @@ mod relax;
 mod remedy;
 mod roots;
 mod sigmas;
+mod strays;
 mod surface;
 mod topology;
 mod vertices;

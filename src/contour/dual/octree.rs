@@ -40,6 +40,15 @@ impl Bound {
             Self::Sum(sum) => error < sum,
         }
     }
+
+    /// The bound for distances that may be `share` times as large.
+    pub(super) fn scaled(self, share: f64) -> Self {
+        match self {
+            Self::Rms(rms) => Self::Rms(share * rms),
+            Self::Sum(sum) => Self::Sum(share * share * sum),
+            Self::None | Self::Triangles(_) => self,
+        }
+    }
 }
 
 /// A node: a cluster that became one vertex.
@@ -222,6 +231,7 @@ impl Collapser<'_> {
         }
         let (bounds, fixed) = (block.bounds(&leaves.grid), leaves.grid.fixed(root.number, sides));
         let position = placement.vertex(&qef, &Place { bounds, fixed });
+        let bound = if pair == [MaterialId::OUTSIDE; 2] { bound.scaled(leaves.closer()) } else { *bound };
         if !bound.admits(qef.error(position), qef.count()) {
             tree.collapses.error += 1;
             return None;

@@ -2,7 +2,8 @@
 //!
 //! A vertex of a flat face may slide in it, one on a sharp edge along it, one at a corner stays: moves go along
 //! eigenvectors of small eigenvalues only, stay in the block and keep the error within the tolerance
-//! (or where it was). Then vertices beside slivers may move in any direction, by as much as no scan could tell.
+//! (or where it was). Then vertices beside slivers may move in any direction, by as much as no scan could tell; but not those of
+//! curves that models know.
 //! A fixed number of steps; each looks at the positions before it, so the result does
 //! not depend on the order, and a step reaches one ring.
 
@@ -29,7 +30,7 @@ const LOW: f64 = 0.3;
 
 /// Moves the vertices, whose planes are `qefs`, by root.
 pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>], bound: Bound) {
-    let mut mover = Mover::new(forest, vertices, qefs);
+    let mut mover = Mover::new(forest, vertices, qefs, bound.scaled(forest.leaves.closer()));
     let certain: Vec<Vec<Certain>> =
         qefs.par_iter().map(|own| own.iter().map(|qef| Certain::new(&qef.matrix())).collect()).collect();
     for _ in 0..STEPS {
@@ -44,6 +45,7 @@ pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>],
         let mut beside = mover.beside_slivers(vertices);
         beside.par_iter_mut().zip(&near).for_each(|(beside, near)| *beside &= near);
         let admits = |error, count| bound.admits(error, count) || SLIVER.admits(error, count);
+        beside.iter_mut().zip(&vertices.all).for_each(|(beside, vertex)| *beside &= !vertex.curve);
         mover.step(vertices, |v: usize, _, d| beside[v].then_some(d), admits);
     }
 }
@@ -52,6 +54,8 @@ pub(super) fn relax(forest: &Forest, vertices: &mut Vertices, qefs: &[Vec<Qef>],
 struct Mover<'a> {
     forest: &'a Forest,
     qefs: &'a [Vec<Qef>],
+    /// How far vertices of curves may get from their planes where models know those.
+    curves: Bound,
     /// The middles of roots, in lengths from the lowest corner of root 0.
     middle: Vec<DVec3>,
     /// For each root the rings, in vertices, that reach it and are no single vertex.
@@ -59,11 +63,11 @@ struct Mover<'a> {
 }
 
 impl<'a> Mover<'a> {
-    fn new(forest: &'a Forest, vertices: &Vertices, qefs: &'a [Vec<Qef>]) -> Self {
+    fn new(forest: &'a Forest, vertices: &Vertices, qefs: &'a [Vec<Qef>], curves: Bound) -> Self {
         let grid = &forest.leaves.grid;
         let middle = |r: &Root| DVec3::from(grid.low(r.number).map(|c| (c + SIDE / 2) as f64)) * grid.cell;
         let middle = forest.leaves.roots.iter().map(middle).collect();
-        Self { forest, qefs, middle, rings: rings(forest, vertices) }
+        Self { forest, qefs, curves, middle, rings: rings(forest, vertices) }
     }
 
     /// Moves each vertex towards the mean of its neighbours: by as much of the way `d` as `free(vertex, [root,
@@ -92,9 +96,15 @@ impl<'a> Mover<'a> {
                         let Some(step) = free(v, [i, k], *sum / *count - self.middle[i] - at) else {
                             return at;
                         };
-                        let bounds = self.forest.block(vertex.owner).bounds(grid);
+                        let [low, high] = self.forest.block(vertex.owner).bounds(grid);
+                        let bounds = [low.min(at), high.max(at)];
                         let place = Place { bounds, fixed: grid.fixed(root.number, vertex.sides) };
-                        stepped(at, step, qef, &place, &admits)
+                        let is_close = |error, count| self.curves.admits(error, count);
+                        if vertex.curve {
+                            stepped(at, step, qef, &place, &is_close)
+                        } else {
+                            stepped(at, step, qef, &place, &admits)
+                        }
                     })
                     .collect()
             })

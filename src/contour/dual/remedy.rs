@@ -2,15 +2,17 @@
 //!
 //! In rounds (the prototype's loop): all pairs that meet are found with exact predicates, on the positions as
 //! they will be written; then each pair asks for the first of these steps that is still open to it:
-//! 1. quads of its polygons are split along the other diagonal (once each);
-//! 2. the largest nodes among their vertices are split;
-//! 3. their leaves go to the mean of their crossings;
-//! 4. their polygons become fans from their crossings, with vertices on the faces that they pass: cones
+//! 1. strays (`strays.rs`) among its vertices, then those of its polygons, go back into their cells;
+//! 2. quads of its polygons are split along the other diagonal (once each);
+//! 3. the largest nodes among their vertices are split;
+//! 4. their leaves go to the mean of their crossings;
+//! 5. their polygons become fans from their crossings, with vertices on the faces that they pass: cones
 //!    inside the cells.
 //!
 //! All pairs of a round ask at once and what is asked for twice is done once, so order does not matter. Each
 //! step is taken once per item and none is taken back, so the loop ends. A triangle without area is treated
-//! like a pair. What was not changed is not tested again.
+//! like a pair. A stray's triangle that faces away from its interface asks for
+//! step 2, then 1. What was not changed is not tested again.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -23,6 +25,7 @@ use super::placement::World;
 use super::polygons::{Triangles, mapped, triangulate};
 use super::qef::Placement;
 use super::relax::relax;
+use super::strays::{is_turned, stray};
 use super::vertices::Vertices;
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
@@ -44,6 +47,9 @@ pub struct Remedy {
     pub diagonals: u64,
     /// Collapses undone.
     pub undone: u64,
+    /// Vertices of curves put back into their cells.
+    #[serde(default)]
+    pub returned: u64,
     /// Leaves put at the mean of their crossings.
     pub pinned: u64,
     /// Polygons made fans.
@@ -99,6 +105,9 @@ pub(super) fn mend(
         for pair in &wrong {
             next.ask(forest, &vertices, &made, &choices, *pair);
         }
+        for t in (0..made.triangles.len()).filter(|&t| is_asked(t)) {
+            next.ask_turned(forest, &vertices, &made, &choices, border, t);
+        }
         remedy.left += next.stuck;
         if !next.settle(&mut choices, &mut remedy) {
             return Ok((vertices, made, remedy));
@@ -107,7 +116,8 @@ pub(super) fn mend(
         next.split.iter().for_each(|&node| forest.split(node));
         next.stars.iter().for_each(|&c| knot_all_sides(forest, &mut knots, c));
         let mut changed: Vec<usize> = next.split.iter().map(|&node| forest.root_of_node(node)).collect();
-        changed.extend(next.pinned.iter().map(|&leaf| forest.leaves.root_of_leaf(leaf)));
+        changed
+            .extend(next.returned.iter().chain(&next.pinned).map(|&leaf| forest.leaves.root_of_leaf(leaf)));
         changed.sort_unstable();
         changed.dedup();
         vertices = vertices.updated(forest, placement, &choices, &changed);
@@ -133,6 +143,7 @@ fn keep_places(forest: &mut Forest, vertices: &Vertices, choices: &mut Choices) 
 struct Fresh {
     diagonals: Vec<u32>,
     split: Vec<u32>,
+    returned: Vec<u32>,
     pinned: Vec<u32>,
     stars: Vec<u32>,
     stuck: u64,
@@ -153,12 +164,19 @@ impl Fresh {
         polygons.dedup();
         let crossing = |c: u32| &forest.leaves.crossings[c as usize];
         let is_star = |c: &u32| choices.stars.binary_search(c).is_ok();
-        let quads: Vec<u32> = polygons
-            .iter()
-            .copied()
-            .filter(|c| !is_star(c) && choices.other_diagonal.binary_search(c).is_err())
-            .filter(|&c| mapped(vertices, crossing(c).ring).1 == 4)
-            .collect();
+        let strays = |v: u32| stray(forest, vertices, choices, v);
+        let mut returned: Vec<u32> =
+            pair.iter().flat_map(|&t| made.triangles[t as usize]).filter_map(strays).collect();
+        if returned.is_empty() {
+            let rings = polygons.iter().flat_map(|&c| crossing(c).ring);
+            returned.extend(rings.map(|leaf| vertices.of_leaf[leaf as usize]).filter_map(strays));
+        }
+        if !returned.is_empty() {
+            self.returned.extend(returned);
+            return;
+        }
+        let quads: Vec<u32> =
+            polygons.iter().copied().filter(|&c| can_turn_diagonal(forest, vertices, choices, c)).collect();
         if !quads.is_empty() {
             self.diagonals.extend(quads);
             return;
@@ -193,9 +211,34 @@ impl Fresh {
         self.stars.extend(plain);
     }
 
+    /// The step for a stray's triangle that faces away from its interface.
+    fn ask_turned(
+        &mut self,
+        forest: &Forest,
+        vertices: &Vertices,
+        made: &Triangles,
+        choices: &Choices,
+        border: Border,
+        t: usize,
+    ) {
+        let strays = |v: u32| stray(forest, vertices, choices, v);
+        let mut returned = made.triangles[t].into_iter().filter_map(strays).peekable();
+        if returned.peek().is_none() || !is_turned(forest, vertices, made, border, t) {
+            return;
+        }
+        let c = made.crossings[t];
+        if can_turn_diagonal(forest, vertices, choices, c) {
+            self.diagonals.push(c);
+        } else {
+            self.returned.extend(returned);
+        }
+    }
+
     /// Sorts what was asked for and adds it to the choices; whether there is anything to do.
     fn settle(&mut self, choices: &mut Choices, remedy: &mut Remedy) -> bool {
-        for list in [&mut self.diagonals, &mut self.split, &mut self.pinned, &mut self.stars] {
+        for list in
+            [&mut self.diagonals, &mut self.split, &mut self.returned, &mut self.pinned, &mut self.stars]
+        {
             list.sort_unstable();
             list.dedup();
         }
@@ -204,14 +247,17 @@ impl Fresh {
             all.sort_unstable();
         };
         join(&mut choices.other_diagonal, &self.diagonals);
+        join(&mut choices.returned, &self.returned);
         join(&mut choices.pinned, &self.pinned);
         join(&mut choices.stars, &self.stars);
         remedy.diagonals += self.diagonals.len() as u64;
         remedy.undone += self.split.len() as u64;
+        remedy.returned += self.returned.len() as u64;
         remedy.pinned += self.pinned.len() as u64;
         remedy.fanned += self.stars.len() as u64;
         !(self.diagonals.is_empty()
             && self.split.is_empty()
+            && self.returned.is_empty()
             && self.pinned.is_empty()
             && self.stars.is_empty())
     }
@@ -221,13 +267,23 @@ impl Fresh {
         let c = made.crossings[t];
         let asked = |list: &[u32]| list.binary_search(&c).is_ok();
         let is_new = |owner: Owner| match owner {
-            Owner::Leaf(leaf) if self.pinned.binary_search(&leaf).is_ok() => true,
+            Owner::Leaf(leaf)
+                if [&self.returned, &self.pinned].iter().any(|l| l.binary_search(&leaf).is_ok()) =>
+            {
+                true
+            }
             _ => self.split.binary_search(&forest.parent(owner)).is_ok(),
         };
         // Vertices of knots and centres are behind the others; they may be new.
         let is_fresh = |v: u32| vertices.all.get(v as usize).is_none_or(|v| is_new(v.owner));
         asked(&self.diagonals) || asked(&self.stars) || made.triangles[t].into_iter().any(is_fresh)
     }
+}
+
+/// Whether a crossing's polygon is a quad that was not yet split along its other diagonal.
+fn can_turn_diagonal(forest: &Forest, vertices: &Vertices, choices: &Choices, c: u32) -> bool {
+    let was_changed = [&choices.stars, &choices.other_diagonal].iter().any(|l| l.binary_search(&c).is_ok());
+    !was_changed && mapped(vertices, forest.leaves.crossings[c as usize].ring).1 == 4
 }
 
 /// Sees to it that there is a knot on each of the four faces that a crossing's polygon passes.

@@ -138,8 +138,12 @@ impl Builder {
         if let (Bound::Rms(rms), true) = (bound, options.merge) {
             // Down to a number of triangles: the number decides, not the tolerance.
             let tolerance = if wanted.is_some() { rms } else { part(rms, MERGE_PART, options.noise) };
-            let options =
-                MergeOptions { tolerance, edge: geometry.voxel_edge(), wanted: wanted.unwrap_or(0) };
+            let options = MergeOptions {
+                tolerance,
+                on_curves: forest.leaves.closer(),
+                edge: geometry.voxel_edge(),
+                wanted: wanted.unwrap_or(0),
+            };
             let merges = costs
                 .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
             vertices.move_leaves(&merges.survivors);

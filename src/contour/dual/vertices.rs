@@ -24,6 +24,8 @@ pub(super) struct Vertex {
     pub(super) sides: u8,
     /// Whether it lies at the mean of its crossings whatever its QEF says.
     pub(super) pinned: bool,
+    /// Whether a curve that is known passes one of its leaves.
+    pub(super) curve: bool,
 }
 
 /// All vertices, root by root.
@@ -144,10 +146,12 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
         }
         let owner = forest.owner(leaf);
         let sides = leaves.sides(root, leaf);
+        let curve = leaves.knows_curves && leaves.flags[leaf as usize] & flag::CURVE != 0;
         let number = match owner {
             Owner::Node(node) if of_node[(node - nodes.start) as usize] != NONE => {
                 let number = of_node[(node - nodes.start) as usize];
                 out[number as usize].sides |= sides;
+                out[number as usize].curve |= curve;
                 number
             }
             _ => {
@@ -162,6 +166,7 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
                     root: index as u32,
                     position: DVec3::ZERO,
                     sides,
+                    curve,
                     pinned: crowded
                         || matches!(owner, Owner::Leaf(l) if choices.pinned.binary_search(&l).is_ok()),
                 });
@@ -179,7 +184,8 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
             _ if vertex.pinned => place.clamp(qef.mass_point()),
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
             Owner::Leaf(leaf) => match choices.place_of(leaf) {
-                Some(at) => place.clamp(at.as_dvec3()),
+                _ if choices.returned.binary_search(&leaf).is_ok() => qef.minimiser_within(&place),
+                Some(at) => at.as_dvec3(),
                 None => leaves.vertex(root, leaf, qef, placement),
             },
         };

@@ -35,7 +35,8 @@ pub const UNKNOWN_WEIGHT: f32 = 0.04;
 /// Position and normal of a crossing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hermite {
-    /// Fraction of the edge, as [`CrossingRule::position`] gives it.
+    /// Fraction of the edge, as [`CrossingRule::position`] gives it. A rule that knows curves may give one beyond the edge's ends, where
+    /// its plane meets the edge's line.
     pub position: f32,
     /// Unit normal, in lengths (lattice axes, spacing taken into account), from the material at the
     /// edge's lower end to the one at its upper end.
@@ -49,6 +50,11 @@ pub trait HermiteRule: CrossingRule {
     /// Hermite data of the edge from padded point `from` to its neighbour along `axis`, whose ends have
     /// the (different) materials `labels`, neither of them `OUTSIDE`.
     fn hermite(&self, from: [usize; 3], axis: usize, labels: [MaterialId; 2]) -> Hermite;
+
+    /// Whether planes are known so well where interfaces meet that the curve is where they cut, though that be beside the cell.
+    fn knows_curves(&self) -> bool {
+        false
+    }
 }
 
 /// How normals of grey volumes are estimated. Segmented volumes have one way only, [`NormalRule::Sided`].
