@@ -1,6 +1,6 @@
 //! What relaxation and remedy decided, which vertices and triangles are made by.
 
-use glam::Vec3;
+use glam::DVec3;
 
 /// Decisions about leaves and polygons; every list is ascending.
 #[derive(Debug, Clone, Default)]
@@ -14,12 +14,12 @@ pub(super) struct Choices {
     /// Leaves at the mean of their crossings.
     pub(super) pinned: Vec<u32>,
     /// Where relaxation put leaves, in lengths about the middle of their root.
-    pub(super) moved: Vec<(u32, Vec3)>,
+    pub(super) moved: Vec<(u32, DVec3)>,
 }
 
 impl Choices {
     /// Where relaxation put a leaf.
-    pub(super) fn place_of(&self, leaf: u32) -> Option<Vec3> {
+    pub(super) fn place_of(&self, leaf: u32) -> Option<DVec3> {
         self.moved.binary_search_by_key(&leaf, |(l, _)| *l).ok().map(|i| self.moved[i].1)
     }
 }

@@ -242,12 +242,13 @@ impl Leaves {
         crossing: &Crossing,
         mut at: DVec3,
     ) {
-        at += crossing.beyond(&self.grid);
+        let mut through = at + crossing.beyond(&self.grid);
         if self.flags[leaf as usize] & flag::BORDER != 0 {
             let fixed = self.grid.fixed(root.number, self.sides(root, leaf));
-            (0..3).for_each(|a| at[a] = fixed[a].unwrap_or(at[a]));
+            let onto = |p: DVec3| DVec3::from([0, 1, 2].map(|a| fixed[a].unwrap_or(p[a])));
+            (at, through) = (onto(at), onto(through));
         }
-        qef.add(at, crossing.normal.as_dvec3(), weight(crossing.weight));
+        qef.add(at, through, crossing.normal.as_dvec3(), weight(crossing.weight));
     }
 
     /// Adds the planes of all leaves of a root: those of a leaf to the QEF that `number` gives for it.

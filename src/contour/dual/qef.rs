@@ -80,11 +80,11 @@ impl Placement {
 }
 
 impl Qef {
-    /// Adds the plane through `at` with unit normal `normal`, `weight` times.
+    /// Adds the plane through `through` with unit normal `normal`, `weight` times, of a crossing at `at`.
     #[inline]
-    pub(super) fn add(&mut self, at: DVec3, normal: DVec3, weight: f64) {
+    pub(super) fn add(&mut self, at: DVec3, through: DVec3, normal: DVec3, weight: f64) {
         let n = normal;
-        let d = n.dot(at);
+        let d = n.dot(through);
         let m = n * weight;
         let products = [m.x * n.x, m.x * n.y, m.x * n.z, m.y * n.y, m.y * n.z, m.z * n.z];
         self.matrix.iter_mut().zip(products).for_each(|(sum, p)| *sum += p);
@@ -264,6 +264,10 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
     use proptest::prelude::*;
 
+    fn put(qef: &mut Qef, at: DVec3, normal: DVec3) {
+        qef.add(at, at, normal, 1.0);
+    }
+
     fn minimiser(qef: &Qef) -> DVec3 {
         qef.minimiser_of(&Place { bounds: [DVec3::MIN, DVec3::MAX], fixed: [None; 3] })
     }
@@ -281,7 +285,7 @@ mod tests {
         #[test]
         fn the_gram_matrix_gives_what_qr_gives(planes in planes()) {
             let mut qef = Qef::default();
-            planes.iter().for_each(|(p, n)| qef.add(*p, *n, 1.0));
+            planes.iter().for_each(|(p, n)| put(&mut qef, *p, *n));
             let rows = planes.len();
             let ab = DMatrix::from_fn(rows, 4, |i, j| {
                 let (p, n) = planes[i];
@@ -306,7 +310,7 @@ mod tests {
             off in prop::collection::vec(vector(0.3), 3..40),
         ) {
             let mut qef = Qef::default();
-            off.iter().for_each(|o| qef.add(DVec3::ZERO, (normal.normalize() + *o).normalize(), 1.0));
+            off.iter().for_each(|o| put(&mut qef, DVec3::ZERO, (normal.normalize() + *o).normalize()));
             let (one, all) = (Certain::one(&qef.matrix()), Certain::all(&qef.matrix()));
             if let Some(one) = one {
                 prop_assert_eq!(all.count, 1);
@@ -319,7 +323,7 @@ mod tests {
         #[test]
         fn the_minimiser_stays_in_its_place_and_is_the_best_there(planes in planes(), fix in any::<[bool; 3]>()) {
             let mut qef = Qef::default();
-            planes.iter().for_each(|(p, n)| qef.add(*p, *n, 1.0));
+            planes.iter().for_each(|(p, n)| put(&mut qef, *p, *n));
             let place = Place { bounds: [DVec3::splat(-2.0), DVec3::splat(2.0)], fixed: fix.map(|f| f.then_some(0.5)) };
             let x = qef.minimiser_within(&place);
             prop_assert_eq!(x, place.clamp(x));
@@ -331,10 +335,10 @@ mod tests {
     fn an_edge_is_found_however_large_one_of_its_faces() {
         let mut qef = Qef::default();
         for i in 0..400 {
-            qef.add(DVec3::new(f64::from(i % 20), f64::from(i / 20), 2.0), DVec3::Z, 1.0);
+            put(&mut qef, DVec3::new(f64::from(i % 20), f64::from(i / 20), 2.0), DVec3::Z);
         }
         for i in 0..20 {
-            qef.add(DVec3::new(19.5, f64::from(i), 1.0), DVec3::X, 1.0);
+            put(&mut qef, DVec3::new(19.5, f64::from(i), 1.0), DVec3::X);
         }
         let x = minimiser(&qef);
         assert!((x.x - 19.5).abs() < 1e-9 && (x.z - 2.0).abs() < 1e-9, "{x}");
@@ -345,8 +349,8 @@ mod tests {
         let mut qef = Qef::default();
         for i in 0..4 {
             let y = f64::from(i);
-            qef.add(DVec3::new(3.0, y, 1.0), DVec3::X, 1.0);
-            qef.add(DVec3::new(1.0, y, 5.0), DVec3::Z, 1.0);
+            put(&mut qef, DVec3::new(3.0, y, 1.0), DVec3::X);
+            put(&mut qef, DVec3::new(1.0, y, 5.0), DVec3::Z);
         }
         assert!(minimiser(&qef).distance(DVec3::new(3.0, 1.5, 5.0)) < 1e-12);
         assert!(qef.error(minimiser(&qef)) < 1e-12);

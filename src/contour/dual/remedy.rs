@@ -128,9 +128,9 @@ pub(super) fn mend(
 /// Remembers where relaxation put the vertices.
 fn keep_places(forest: &mut Forest, vertices: &Vertices, choices: &mut Choices) {
     for vertex in &vertices.all {
-        let at = vertex.position.as_vec3();
+        let at = vertex.position;
         match vertex.owner {
-            Owner::Node(node) => forest.nodes[node as usize].position = at,
+            Owner::Node(node) => forest.nodes[node as usize].position = at.as_vec3(),
             Owner::Leaf(leaf) if !vertex.pinned => choices.moved.push((leaf, at)),
             Owner::Leaf(_) => {}
         }
@@ -262,7 +262,8 @@ impl Fresh {
             && self.stars.is_empty())
     }
 
-    /// Whether a triangle is another one than before this round.
+    /// Whether a triangle or another one of its polygon is not what it was before this round: what a pair asks for may change others
+    /// than the two, which then ask again.
     fn has(&self, forest: &Forest, vertices: &Vertices, made: &Triangles, t: usize) -> bool {
         let c = made.crossings[t];
         let asked = |list: &[u32]| list.binary_search(&c).is_ok();
@@ -276,7 +277,11 @@ impl Fresh {
         };
         // Vertices of knots and centres are behind the others; they may be new.
         let is_fresh = |v: u32| vertices.all.get(v as usize).is_none_or(|v| is_new(v.owner));
-        asked(&self.diagonals) || asked(&self.stars) || made.triangles[t].into_iter().any(is_fresh)
+        let ring = || forest.leaves.crossings.get(c as usize).into_iter().flat_map(|crossing| crossing.ring);
+        asked(&self.diagonals)
+            || asked(&self.stars)
+            || made.triangles[t].into_iter().any(is_fresh)
+            || ring().map(|leaf| vertices.of_leaf[leaf as usize]).any(is_fresh)
     }
 }
 

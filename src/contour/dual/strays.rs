@@ -94,8 +94,9 @@ mod tests {
         let vertex = |x: f64, z: f64| {
             let mut qef = Qef::default();
             for t in [0.2, 0.6] {
-                qef.add(DVec3::new(x, t, 0.5), DVec3::X, 1.0);
-                qef.add(DVec3::new(0.5, t, z), DVec3::Z, 1.0);
+                let mut add = |at: DVec3, normal: DVec3| qef.add(at, at, normal, 1.0);
+                add(DVec3::new(x, t, 0.5), DVec3::X);
+                add(DVec3::new(0.5, t, z), DVec3::Z);
             }
             strayed(CELL, &qef, &cell(), qef.minimiser_within(&cell()))
         };
@@ -116,7 +117,7 @@ mod tests {
             planes in prop::collection::vec((vector(2.0), vector(1.0)), 3..12),
         ) {
             let mut qef = Qef::default();
-            planes.iter().for_each(|(p, n)| qef.add(*p, n.normalize_or(DVec3::X), 1.0));
+            planes.iter().for_each(|(p, n)| qef.add(*p, *p, n.normalize_or(DVec3::X), 1.0));
             let inside = qef.minimiser_within(&cell());
             let at = strayed(CELL, &qef, &cell(), inside);
             let beyond = (-at).max(at - CELL).max(DVec3::ZERO) / CELL;

@@ -185,7 +185,7 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
             Owner::Leaf(leaf) => match choices.place_of(leaf) {
                 _ if choices.returned.binary_search(&leaf).is_ok() => qef.minimiser_within(&place),
-                Some(at) => at.as_dvec3(),
+                Some(at) => at,
                 None => leaves.vertex(root, leaf, qef, placement),
             },
         };
