@@ -140,9 +140,10 @@ mod tests {
                     from.iter().zip(&to).map(|(&a, &b)| a.lerp(b, 0.5 * f64::from(step))).collect();
                 let left_out = without_area(&positions, &triangles);
                 for every in [1, 9] {
-                    let asked: Vec<u32> = (0..count).filter(|t| t % every == 0).collect();
+                    let asked: Vec<u32> = (0..count).filter(|t| t.is_multiple_of(every)).collect();
                     let search = Search::new(&positions, &triangles, &left_out);
-                    let expected = search.run(|t| t as u32 % every == 0, &Execution::default()).unwrap();
+                    let expected =
+                        search.run(|t| (t as u32).is_multiple_of(every), &Execution::default()).unwrap();
                     let found =
                         moving.meetings(&positions, &triangles, &left_out, &asked, &Execution::default());
                     assert_eq!(found.unwrap(), expected.first, "{seed} {step} {every}");
