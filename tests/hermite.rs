@@ -82,6 +82,11 @@ proptest! {
                 }
                 let mut to = from;
                 to[axis] += 1;
+                // A lattice point nearer to the plane than the margin: which of its edges meets it there is not told.
+                let grey = |p: [usize; 3]| slab.grey(p.map(|k| k - 1)) - level;
+                if [from, to].iter().any(|&p| grey(p).abs() < 0.01) {
+                    continue;
+                }
                 let sign = if labels.at(from) < labels.at(to) { 1.0 } else { -1.0 };
                 let (found, _) = hermite(&rule, &labels, from, axis);
                 prop_assert!(found.distance(sign * n) < error, "{normals:?} {from:?} {axis}: {found}, not {n}");
