@@ -82,9 +82,10 @@ impl MovingTriangles {
         let meets = |t: u32, found: &mut Vec<[u32; 2]>| {
             let own = self.cells[t as usize];
             let [low, high] = bounds(t);
-            for [first, last] in rows(own) {
-                let start = self.filed.partition_point(|filed| filed.0 < key(first));
-                let row = self.filed[start..].iter().take_while(|filed| filed.0 <= key(last));
+            for ends in rows(own) {
+                let [first, last] = ends.map(key);
+                let start = self.filed.partition_point(|filed| filed.0 < first);
+                let row = self.filed[start..].iter().take_while(|filed| filed.0 <= last);
                 for &(cell, u) in row {
                     // Of two that are asked the lower asks.
                     if u == t || left_out[u as usize] || (is_asked[u as usize] && u < t) {

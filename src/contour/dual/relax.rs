@@ -99,12 +99,10 @@ impl<'a> Mover<'a> {
                         let [low, high] = self.forest.block(vertex.owner).bounds(grid);
                         let bounds = [low.min(at), high.max(at)];
                         let place = Place { bounds, fixed: grid.fixed(root.number, vertex.sides) };
-                        let is_close = |error, count| self.curves.admits(error, count);
-                        if vertex.curve {
-                            stepped(at, step, qef, &place, &is_close)
-                        } else {
-                            stepped(at, step, qef, &place, &admits)
-                        }
+                        let admits = |error, count| {
+                            if vertex.curve { self.curves.admits(error, count) } else { admits(error, count) }
+                        };
+                        stepped(at, step, qef, &place, &admits)
                     })
                     .collect()
             })

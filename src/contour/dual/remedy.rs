@@ -105,7 +105,9 @@ pub(super) fn mend(
         for pair in &wrong {
             next.ask(forest, &vertices, &made, &choices, *pair);
         }
-        for t in (0..made.triangles.len()).filter(|&t| is_asked(t)) {
+        // Without known curves there are no strays.
+        let looked_at = if forest.leaves.knows_curves { made.triangles.len() } else { 0 };
+        for t in (0..looked_at).filter(|&t| is_asked(t)) {
             next.ask_turned(forest, &vertices, &made, &choices, border, t);
         }
         remedy.left += next.stuck;
