@@ -15,11 +15,22 @@ pub(super) struct Choices {
     pub(super) pinned: Vec<u32>,
     /// Where relaxation put leaves, in lengths about the middle of their root.
     pub(super) moved: Vec<(u32, DVec3)>,
+    /// Where it puts those that may stray while none of them does.
+    pub(super) inside: Vec<(u32, DVec3)>,
 }
 
 impl Choices {
     /// Where relaxation put a leaf.
     pub(super) fn place_of(&self, leaf: u32) -> Option<DVec3> {
-        self.moved.binary_search_by_key(&leaf, |(l, _)| *l).ok().map(|i| self.moved[i].1)
+        place_in(&self.moved, leaf)
     }
+
+    /// Where a leaf goes that may stray no longer.
+    pub(super) fn place_inside(&self, leaf: u32) -> Option<DVec3> {
+        place_in(&self.inside, leaf)
+    }
+}
+
+fn place_in(places: &[(u32, DVec3)], leaf: u32) -> Option<DVec3> {
+    places.binary_search_by_key(&leaf, |(l, _)| *l).ok().map(|i| places[i].1)
 }

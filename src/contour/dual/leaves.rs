@@ -192,13 +192,18 @@ impl Leaves {
 
     /// The vertex of a leaf in the unsimplified surface, whose planes are `qef`.
     pub(super) fn vertex(&self, root: &Root, leaf: u32, qef: &Qef, placement: Placement) -> DVec3 {
+        let inside = self.vertex_inside(root, leaf, qef, placement);
+        let strays = placement == Placement::Clamped && self.may_stray(leaf);
+        if strays { strayed(self.grid.cell, qef, &self.place(root, leaf), inside) } else { inside }
+    }
+
+    /// The same of a leaf that may not stray.
+    pub(super) fn vertex_inside(&self, root: &Root, leaf: u32, qef: &Qef, placement: Placement) -> DVec3 {
         let place = self.place(root, leaf);
         if self.flags[leaf as usize] & flag::CROWDED != 0 {
             place.clamp(qef.mass_point())
         } else {
-            let inside = placement.vertex(qef, &place);
-            let strays = placement == Placement::Clamped && self.may_stray(leaf);
-            if strays { strayed(self.grid.cell, qef, &place, inside) } else { inside }
+            placement.vertex(qef, &place)
         }
     }
 

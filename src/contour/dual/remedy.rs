@@ -11,8 +11,8 @@
 //!
 //! All pairs of a round ask at once and what is asked for twice is done once, so order does not matter. Each
 //! step is taken once per item and none is taken back, so the loop ends. A triangle without area is treated
-//! like a pair. A stray's triangle that faces away from its interface asks for
-//! step 2, then 1. What was not changed is not tested again.
+//! like a pair. Strays of triangles that face away from their interface go back at once: a diagonal turned for a stray
+//! would not suit the place that it may go back to later. What was not changed is not tested again.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,7 @@ use super::placement::World;
 use super::polygons::{Triangles, mapped, triangulate};
 use super::qef::Placement;
 use super::relax::relax;
-use super::strays::{is_turned, stray};
+use super::strays::{is_turned, places_inside, stray};
 use super::vertices::Vertices;
 use crate::contour::error::ContourError;
 use crate::contour::patch::Border;
@@ -78,6 +78,9 @@ pub(super) fn mend(
     let mut knots = forest.leaves.knots.clone();
     let (mut vertices, qefs) = Vertices::new(forest, placement, &choices);
     let still = if bound == Bound::None { Bound::Rms(STILL) } else { bound };
+    if forest.leaves.knows_curves {
+        choices.inside = places_inside(forest, &vertices, &qefs, placement, still);
+    }
     relax(forest, &mut vertices, &qefs, still);
     drop(qefs);
     keep_places(forest, &vertices, &mut choices);
@@ -213,7 +216,7 @@ impl Fresh {
         self.stars.extend(plain);
     }
 
-    /// The step for a stray's triangle that faces away from its interface.
+    /// The strays of a triangle that faces away from its interface go back.
     fn ask_turned(
         &mut self,
         forest: &Forest,
@@ -225,13 +228,7 @@ impl Fresh {
     ) {
         let strays = |v: u32| stray(forest, vertices, choices, v);
         let mut returned = made.triangles[t].into_iter().filter_map(strays).peekable();
-        if returned.peek().is_none() || !is_turned(forest, vertices, made, border, t) {
-            return;
-        }
-        let c = made.crossings[t];
-        if can_turn_diagonal(forest, vertices, choices, c) {
-            self.diagonals.push(c);
-        } else {
+        if returned.peek().is_some() && is_turned(forest, vertices, made, border, t) {
             self.returned.extend(returned);
         }
     }

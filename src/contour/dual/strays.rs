@@ -14,9 +14,11 @@ use glam::DVec3;
 use super::choices::Choices;
 use super::forest::{Forest, Owner};
 use super::leaves::{Leaves, NONE, flag};
+use super::octree::Bound;
 use super::polygons::Triangles;
-use super::qef::{Place, Qef};
-use super::vertices::Vertices;
+use super::qef::{Place, Placement, Qef};
+use super::relax::relax;
+use super::vertices::{Vertex, Vertices};
 use crate::contour::patch::Border;
 
 /// How far beside its cell the vertex of a curve may lie, cells.
@@ -40,6 +42,31 @@ pub(super) fn strayed(cell: DVec3, qef: &Qef, place: &Place, inside: DVec3) -> D
     let beyond = (low - best).max(best - high) / cell;
     let axis = beyond.max_position();
     if beyond[axis] > 0.0 { qef.minimiser_near(inside, &within(DVec3::AXES[axis] * by)) } else { inside }
+}
+
+/// Where relaxation puts the vertices of leaves that may stray while they are inside their cells: where they go back to. Ascending.
+pub(super) fn places_inside(
+    forest: &Forest,
+    vertices: &Vertices,
+    qefs: &[Vec<Qef>],
+    placement: Placement,
+    bound: Bound,
+) -> Vec<(u32, DVec3)> {
+    let leaves = &forest.leaves;
+    let strays = |vertex: &Vertex| match vertex.owner {
+        Owner::Leaf(leaf) if leaves.may_stray(leaf) => Some(leaf),
+        _ => None,
+    };
+    let mut inside = vertices.clone();
+    for (i, root) in leaves.roots.iter().enumerate() {
+        for (vertex, qef) in inside.all[vertices.in_root(i)].iter_mut().zip(&qefs[i]) {
+            if let Some(leaf) = strays(vertex) {
+                vertex.position = leaves.vertex_inside(root, leaf, qef, placement);
+            }
+        }
+    }
+    relax(forest, &mut inside, qefs, bound);
+    inside.all.iter().filter_map(|vertex| Some((strays(vertex)?, vertex.position))).collect()
 }
 
 /// The leaf of a vertex that lies beside its cell and was not told to go back.

@@ -183,11 +183,13 @@ fn of_root(forest: &Forest, index: usize, root: &Root, placement: Placement, cho
         vertex.position = match vertex.owner {
             _ if vertex.pinned => place.clamp(qef.mass_point()),
             Owner::Node(node) => place.clamp(forest.nodes[node as usize].position.as_dvec3()),
-            Owner::Leaf(leaf) => match choices.place_of(leaf) {
-                _ if choices.returned.binary_search(&leaf).is_ok() => qef.minimiser_within(&place),
-                Some(at) => at,
-                None => leaves.vertex(root, leaf, qef, placement),
-            },
+            Owner::Leaf(leaf) if choices.returned.binary_search(&leaf).is_ok() => {
+                let at = choices.place_inside(leaf);
+                at.unwrap_or_else(|| leaves.vertex_inside(root, leaf, qef, placement))
+            }
+            Owner::Leaf(leaf) => {
+                choices.place_of(leaf).unwrap_or_else(|| leaves.vertex(root, leaf, qef, placement))
+            }
         };
     }
     // Caps lie between the middle of their sheet's crossings and the corners that they cut off.
