@@ -156,7 +156,7 @@ fn all_patterns_as_leaves_are_sound_in_any_neighbourhood() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn random_blocks_are_sound_at_any_bound(

@@ -199,7 +199,7 @@ fn rounding_at_the_far_end_of_the_lattice_brings_no_defects() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]
     fn random_label_blocks_have_no_defects(
         size in [1usize..8, 1usize..8, 1usize..8],

@@ -233,7 +233,7 @@ fn given(to: fn(f64) -> f64) -> MaterialChoice {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(96))]
     #[test]
     fn grey_volumes_give_the_same_in_slabs(
         size in [6..70usize, 6..24usize, 5..34usize],

@@ -141,6 +141,11 @@ pub(super) struct Window {
 }
 
 impl Window {
+    /// How many columns it has.
+    pub(super) fn count(&self) -> usize {
+        self.n
+    }
+
     /// Puts a crossing first that lies beside the column in the middle.
     pub(super) fn put_first(&mut self, own: Column) {
         self.columns[self.n] = self.columns[0];

@@ -8,6 +8,7 @@ use glam::Vec3;
 
 use super::columns::{Edge, Finder, Window};
 use super::plane::Demand;
+use crate::contour::crossing::CROSSING_MARGIN;
 use crate::grid::cube::other_axes;
 
 /// Above this slope (levels per column) the interface is looked at along the axis in which it climbs.
@@ -24,13 +25,26 @@ pub(super) struct Side {
 
 /// The plane on this side of any edge.
 pub(super) fn plane(finder: &Finder<'_>, edge: &Edge, reach: usize, demand: Demand) -> Option<Side> {
-    let steep = steep_axes(finder, edge).into_iter().flatten();
-    // Of two axes that are both too steep to follow, the one along which the interface is nearer.
-    let found =
-        steep.filter_map(|axis| nearest(finder, edge, axis)).min_by(|a, b| a.distance.total_cmp(&b.distance));
+    let found = steep_axes(finder, edge).map(|axis| nearest(finder, edge, axis?));
+    let found = match found {
+        // Of two axes that are both too steep to follow, the one along which the interface is nearer.
+        [Some(a), Some(b)] => Some(if shows_more(finder, &b, &a, reach) { b } else { a }),
+        [a, b] => a.or(b),
+    };
     match found {
         Some(found) => turned(finder, edge, &found, reach, demand),
         None => side(&finder.around(edge, reach), demand, edge, 1.0),
+    }
+}
+
+/// Whether columns through `a` show more of the interface than those through `b`: it is nearer, or where the margin
+/// of crossings hides which one is, more columns are found around it.
+fn shows_more(finder: &Finder<'_>, a: &Nearest, b: &Nearest, reach: usize) -> bool {
+    if a.at_margin && b.at_margin {
+        let [na, nb] = [a, b].map(|found| finder.around(&found.edge, reach).count());
+        na > nb || na == nb && a.distance < b.distance
+    } else {
+        a.distance < b.distance
     }
 }
 
@@ -90,6 +104,8 @@ struct Nearest {
     sign: f32,
     /// How near it is, squared.
     distance: f32,
+    /// Whether it is as near to the edge's end as a crossing may be: it can be nearer.
+    at_margin: bool,
 }
 
 /// The crossing nearest to that of `edge` among those along `axis` that start from one of its ends.
@@ -108,7 +124,8 @@ fn nearest(finder: &Finder<'_>, edge: &Edge, axis: usize) -> Option<Nearest> {
             let along = if end == 0 { t } else { 1.0 - t };
             let distance = height * height + along * along;
             if best.as_ref().is_none_or(|b| distance < b.distance) {
-                best = Some(Nearest { edge: found, sign, distance });
+                let at_margin = height.abs() <= CROSSING_MARGIN;
+                best = Some(Nearest { edge: found, sign, distance, at_margin });
             }
         }
     }
