@@ -153,6 +153,16 @@ impl Qef {
         self.matrix() * x - self.vector
     }
 
+    /// How far the origin lies from a face that bends and has these planes, lengths. Where normals turn evenly, the
+    /// face between two points leaves the tangent plane of either half as far as the other one's tangent plane does: the mean of the distances along
+    /// the normals there and here.
+    pub(super) fn beside(&self) -> f64 {
+        let eigen = SymmetricEigen::new(Matrix3::from_column_slice(&self.matrix().to_cols_array()));
+        let normal = DVec3::from_slice(eigen.eigenvectors.column(eigen.eigenvalues.imax()).as_slice());
+        let there = normal.dot(self.vector) / eigen.eigenvalues.sum();
+        0.5 * (there + normal.dot(self.mass_point())).abs()
+    }
+
     /// The minimiser nearest to the mass point, also beyond the block.
     pub(super) fn minimiser_of(&self, place: &Place) -> DVec3 {
         let free = place.fixed.map(|f| f.is_none());
@@ -357,5 +367,26 @@ mod tests {
         let place =
             Place { bounds: [DVec3::ZERO, DVec3::new(2.0, 8.0, 8.0)], fixed: [None, Some(7.5), None] };
         assert!(qef.minimiser_within(&place).distance(DVec3::new(2.0, 7.5, 5.0)) < 1e-12);
+    }
+
+    #[test]
+    fn a_vertex_knows_how_far_it_lies_beside_a_face_that_bends() {
+        // Of a sphere, from whose middle the vertex looks along any direction.
+        let (radius, up) = (40.0, DVec3::new(0.3, -0.5, 0.8).normalize());
+        let (a, b) = up.any_orthonormal_pair();
+        for reach in [1.5, 4.0, 8.0] {
+            let mut qef = Qef::default();
+            for i in 0..400 {
+                // A sunflower: even over a disc.
+                let (r, turn) = (reach * (f64::from(i) / 400.0).sqrt(), 2.399_963 * f64::from(i));
+                let normal = (up + (a * turn.cos() + b * turn.sin()) * r / radius).normalize();
+                put(&mut qef, normal * radius, normal);
+            }
+            let vertex = minimiser(&qef);
+            let (off, about) = (vertex.length() - radius, qef.shifted(-vertex));
+            assert!((about.beside() / off - 1.0).abs() < 0.1, "{reach}: {} for {off}", about.beside());
+            let misfit = about.error(DVec3::ZERO) / about.count();
+            assert!((3.0 * misfit / (off * off) - 1.0).abs() < 0.2, "{reach}: {misfit} for {off}");
+        }
     }
 }

@@ -133,7 +133,7 @@ impl Builder {
         let (mut vertices, mut made, remedy) = costs.measure("mend", || mend(&mut forest, making))?;
         let polygons = census::polygons(&forest, &vertices, border);
         let nodes = census::nodes(&forest, &vertices);
-        let mut sums = sigmas::sums(&forest, &vertices);
+        let mut survivors: Option<Vec<u32>> = None;
         let (mut merged, mut merges_undone) = (0, 0);
         if let (Bound::Rms(rms), true) = (bound, options.merge) {
             // Down to a number of triangles: the number decides, not the tolerance.
@@ -146,9 +146,14 @@ impl Builder {
             };
             let merges = costs
                 .measure("merge", || merge(&forest, &vertices, &mut made, &world, &options, execution))?;
-            vertices.move_leaves(&merges.survivors);
-            sigmas::merge(&mut sums, &merges.survivors);
             (merged, merges_undone) = (merges.count, merges.undone);
+            survivors = Some(merges.survivors);
+        }
+        let became = |v: usize| survivors.as_ref().map_or(v, |to| to[v] as usize);
+        let mut sums = sigmas::sums(&forest, &vertices, &world, |v| made.positions[became(v)]);
+        if let Some(survivors) = &survivors {
+            vertices.move_leaves(survivors);
+            sigmas::merge(&mut sums, survivors);
         }
         let mut flips = 0;
         if let Some(tolerance) = tolerance(bound) {
