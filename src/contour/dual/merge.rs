@@ -185,8 +185,7 @@ fn sites(forest: &Forest, vertices: &Vertices, count: usize) -> Vec<Site> {
             let own = vertices.in_root(i);
             let mut planes = vec![Qef::default(); own.len()];
             leaves.add_planes(root, &mut planes, |leaf| vertices.of_leaf[leaf as usize] as usize - own.start);
-            let low = leaves.grid.low(root.number).map(|c| c as f64);
-            let offset = DVec3::from(low) * leaves.grid.cell;
+            let offset = leaves.grid.middle(root.number);
             let site = |(vertex, planes): (&super::vertices::Vertex, Qef)| Site {
                 planes: planes.shifted(offset),
                 at: vertex.position + offset,

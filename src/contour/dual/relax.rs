@@ -11,11 +11,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::forest::Forest;
-use super::leaves::{NONE, Root};
+use super::leaves::NONE;
 use super::octree::Bound;
 use super::polygons::distinct;
 use super::qef::{Certain, Place, Qef};
-use super::roots::SIDE;
 use super::vertices::Vertices;
 use crate::triangle::triangle_quality;
 
@@ -56,7 +55,7 @@ struct Mover<'a> {
     qefs: &'a [Vec<Qef>],
     /// How far vertices of curves may get from their planes where models know those.
     curves: Bound,
-    /// The middles of roots, in lengths from the lowest corner of root 0.
+    /// The middles of roots, in lengths about that of root 0.
     middle: Vec<DVec3>,
     /// For each root the rings, in vertices, that reach it and are no single vertex.
     rings: Vec<Vec<[u32; 4]>>,
@@ -65,8 +64,7 @@ struct Mover<'a> {
 impl<'a> Mover<'a> {
     fn new(forest: &'a Forest, vertices: &Vertices, qefs: &'a [Vec<Qef>], curves: Bound) -> Self {
         let grid = &forest.leaves.grid;
-        let middle = |r: &Root| DVec3::from(grid.low(r.number).map(|c| (c + SIDE / 2) as f64)) * grid.cell;
-        let middle = forest.leaves.roots.iter().map(middle).collect();
+        let middle = forest.leaves.roots.iter().map(|r| grid.middle(r.number)).collect();
         Self { forest, qefs, curves, middle, rings: rings(forest, vertices) }
     }
 
@@ -114,7 +112,7 @@ impl<'a> Mover<'a> {
             .for_each(|(vertex, position)| vertex.position = position);
     }
 
-    /// Where a vertex lies, in lengths from the lowest corner of root 0.
+    /// Where a vertex lies, in lengths about that of root 0.
     fn at(&self, vertices: &Vertices, v: u32) -> DVec3 {
         let vertex = &vertices.all[v as usize];
         vertex.position + self.middle[vertex.root as usize]

@@ -69,6 +69,11 @@ impl RootGrid {
         let [x, y, _] = self.roots;
         [root % x, root / x % y, root / (x * y)].map(|r| r * SIDE)
     }
+
+    /// The middle of a root, in lengths about that of root 0.
+    pub(super) fn middle(&self, root: usize) -> DVec3 {
+        DVec3::from(self.low(root).map(|c| c as f64)) * self.cell
+    }
 }
 
 /// The place of a cell in its root: three coordinates of [`LEVELS`] bits, interleaved, x lowest.

@@ -97,8 +97,7 @@ pub(super) fn is_turned(
     // In lengths along the lattice, as normals are: the world may be turned against it.
     let at = |v: u32| {
         let vertex = vertices.all.get(v as usize)?;
-        let low = leaves.grid.low(leaves.roots[vertex.root as usize].number);
-        Some(vertex.position + DVec3::from(low.map(|c| c as f64)) * leaves.grid.cell)
+        Some(vertex.position + leaves.grid.middle(leaves.roots[vertex.root as usize].number))
     };
     let [Some(p), Some(q), Some(r)] = made.triangles[t].map(at) else { return false };
     let facing = (q - p).cross(r - p).dot(crossing.normal.as_dvec3());
