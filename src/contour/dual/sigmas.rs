@@ -87,7 +87,10 @@ pub(super) fn sums(
             sums
         })
         .collect();
-    by_root.concat()
+    // One by one: twice all of them at once would be the peak without simplification.
+    let mut sums = Vec::with_capacity(vertices.all.len());
+    by_root.into_iter().for_each(|part| sums.extend(part));
+    sums
 }
 
 /// Lets each vertex's sum be part of that of the vertex that it became part of.
