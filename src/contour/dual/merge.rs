@@ -185,7 +185,7 @@ fn sites(forest: &Forest, vertices: &Vertices, count: usize) -> Vec<Site> {
             let own = vertices.in_root(i);
             let mut planes = vec![Qef::default(); own.len()];
             leaves.add_planes(root, &mut planes, |leaf| vertices.of_leaf[leaf as usize] as usize - own.start);
-            let offset = leaves.grid.middle(root.number);
+            let offset = leaves.grid.offset(root.number);
             let site = |(vertex, planes): (&super::vertices::Vertex, Qef)| Site {
                 planes: planes.shifted(offset),
                 at: vertex.position + offset,

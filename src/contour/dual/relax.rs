@@ -64,7 +64,7 @@ struct Mover<'a> {
 impl<'a> Mover<'a> {
     fn new(forest: &'a Forest, vertices: &Vertices, qefs: &'a [Vec<Qef>], curves: Bound) -> Self {
         let grid = &forest.leaves.grid;
-        let middle = forest.leaves.roots.iter().map(|r| grid.middle(r.number)).collect();
+        let middle = forest.leaves.roots.iter().map(|r| grid.offset(r.number)).collect();
         Self { forest, qefs, curves, middle, rings: rings(forest, vertices) }
     }
 

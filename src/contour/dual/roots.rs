@@ -70,8 +70,8 @@ impl RootGrid {
         [root % x, root / x % y, root / (x * y)].map(|r| r * SIDE)
     }
 
-    /// The middle of a root, in lengths about that of root 0.
-    pub(super) fn middle(&self, root: usize) -> DVec3 {
+    /// From the middle of root 0 to that of a root, lengths.
+    pub(super) fn offset(&self, root: usize) -> DVec3 {
         DVec3::from(self.low(root).map(|c| c as f64)) * self.cell
     }
 }

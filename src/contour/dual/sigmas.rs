@@ -7,7 +7,7 @@
 //!
 //! To that comes what simplification does: a vertex that stands for much of a face that bends lies beside it (on the
 //! tangent planes' side). How far its crossings and their normals together tell ([`Qef::beside`]), and no farther than what its distances from
-//! their planes show: on an edge, which bends without end, they show nothing. (What crossings' own deviations explain of these distances is not taken off:
+//! their planes show: on an edge, which bends without end, they show no more than noise. (What crossings' own deviations explain of these distances is not taken off:
 //! neighbouring crossings err together, so it is little. With it off, a ball's vertices are stated too sure.)
 
 use glam::DVec3;
@@ -25,28 +25,28 @@ use crate::contour::marching::worst;
 const BENT: f64 = 3.0;
 
 /// What the square of a distance that is known counts for: most vertices of a face that bends alike are equally far beside it, about half of them
-/// a little more than was found. With this two thirds of phantoms' vertices lie within one deviation.
+/// a little more than was found. With this two thirds of a ball's vertices lie within one deviation.
 const SURE: f64 = 1.25;
 
 /// What is known of a vertex.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sum {
-    /// Sum of the squares of crossings' sigmas, and their number.
+    /// Sum of the squares of crossings' sigmas.
     squares: f64,
-    count: u32,
-    /// The planes about the vertex.
+    /// The planes of these crossings, about the vertex.
     planes: Qef,
 }
 
 impl Sum {
     /// Square of sigma; unknown without crossings.
     fn variance(&self) -> f64 {
-        if self.count == 0 {
+        let count = self.planes.count();
+        if count == 0.0 {
             return f64::NAN;
         }
-        let misfit = self.planes.error(DVec3::ZERO) / self.planes.count();
+        let misfit = self.planes.error(DVec3::ZERO) / count;
         let bent = (BENT * misfit).min(SURE * self.planes.beside().powi(2));
-        self.squares / f64::from(self.count) + bent
+        self.squares / count + bent
     }
 }
 
@@ -68,7 +68,7 @@ pub(super) fn sums(
             let own = vertices.in_root(i);
             let number = |leaf: u32| vertices.of_leaf[leaf as usize] as usize - own.start;
             let mut sums = vec![Sum::default(); own.len()];
-            leaves.crossings_of(root, |c, crossing, _| {
+            leaves.crossings_of(root, |c, crossing, place| {
                 let sigma = f64::from(unpack_sigma(leaves.sigmas[c as usize]));
                 if sigma.is_nan() {
                     return;
@@ -76,13 +76,11 @@ pub(super) fn sums(
                 for leaf in crossing.ring.into_iter().filter(|l| root.leaves.contains(l)) {
                     let sum = &mut sums[number(leaf)];
                     sum.squares += sigma * sigma;
-                    sum.count += 1;
+                    leaves.add_plane(&mut sum.planes, root, leaf, crossing, place);
                 }
             });
-            let mut planes = vec![Qef::default(); own.len()];
-            leaves.add_planes(root, &mut planes, number);
-            for ((sum, planes), v) in sums.iter_mut().zip(planes).zip(own) {
-                sum.planes = planes.shifted(-world.seen_from(root.number, at(v)));
+            for (sum, v) in sums.iter_mut().zip(own) {
+                sum.planes = sum.planes.shifted(-world.seen_from(root.number, at(v)));
             }
             sums
         })
@@ -98,18 +96,17 @@ pub(super) fn merge(sums: &mut [Sum], survivors: &[u32]) {
     for v in 0..sums.len() {
         let to = survivors[v] as usize;
         if to != v {
-            let Sum { squares, count, planes } = std::mem::take(&mut sums[v]);
+            let Sum { squares, planes } = std::mem::take(&mut sums[v]);
             let kept = &mut sums[to];
             kept.squares += squares;
-            kept.count += count;
             kept.planes.merge(&planes);
         }
     }
 }
 
 /// The sigma of each sum; unknown without crossings.
-pub(super) fn roots(sums: &[Sum]) -> impl Iterator<Item = f32> {
-    sums.iter().map(|sum| sum.variance().sqrt() as f32)
+pub(super) fn roots(sums: &[Sum]) -> Vec<f32> {
+    sums.par_iter().map(|sum| sum.variance().sqrt() as f32).collect()
 }
 
 /// The least sure sigma of some crossings that a vertex is the mean of: unknown if one of them is. `None` if none are

@@ -97,7 +97,7 @@ pub(super) fn is_turned(
     // In lengths along the lattice, as normals are: the world may be turned against it.
     let at = |v: u32| {
         let vertex = vertices.all.get(v as usize)?;
-        Some(vertex.position + leaves.grid.middle(leaves.roots[vertex.root as usize].number))
+        Some(vertex.position + leaves.grid.offset(leaves.roots[vertex.root as usize].number))
     };
     let [Some(p), Some(q), Some(r)] = made.triangles[t].map(at) else { return false };
     let facing = (q - p).cross(r - p).dot(crossing.normal.as_dvec3());

@@ -150,11 +150,12 @@ impl Builder {
             survivors = Some(merges.survivors);
         }
         let became = |v: usize| survivors.as_ref().map_or(v, |to| to[v] as usize);
-        let mut sums = sigmas::sums(&forest, &vertices, &world, |v| made.positions[became(v)]);
-        if let Some(survivors) = &survivors {
-            vertices.move_leaves(survivors);
-            sigmas::merge(&mut sums, survivors);
-        }
+        let mut sigmas = costs.measure("sigmas", || {
+            let mut sums = sigmas::sums(&forest, &vertices, &world, |v| made.positions[became(v)]);
+            survivors.iter().for_each(|survivors| sigmas::merge(&mut sums, survivors));
+            sigmas::roots(&sums)
+        });
+        survivors.iter().for_each(|survivors| vertices.move_leaves(survivors));
         let mut flips = 0;
         if let Some(tolerance) = tolerance(bound) {
             let options = FlipOptions {
@@ -189,7 +190,7 @@ impl Builder {
         };
         drop(stage);
         execution.check()?;
-        let sigmas: Vec<f32> = sigmas::roots(&sums).chain(made.extra_sigmas.iter().copied()).collect();
+        sigmas.extend(&made.extra_sigmas);
         Ok(finished(made, &sigmas, geometry, statistics, costs))
     }
 }

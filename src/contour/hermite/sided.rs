@@ -40,7 +40,7 @@ pub(super) fn plane(finder: &Finder<'_>, edge: &Edge, reach: usize, demand: Dema
 /// Whether columns through `a` show more of the interface than those through `b`: it is nearer, or where the margin
 /// of crossings hides which one is, more columns are found around it.
 fn shows_more(finder: &Finder<'_>, a: &Nearest, b: &Nearest, reach: usize) -> bool {
-    if a.at_margin && b.at_margin {
+    if a.at_margin && b.at_margin && a.end == b.end {
         let [na, nb] = [a, b].map(|found| finder.around(&found.edge, reach).count());
         na > nb || na == nb && a.distance < b.distance
     } else {
@@ -104,6 +104,8 @@ struct Nearest {
     sign: f32,
     /// How near it is, squared.
     distance: f32,
+    /// The end of the edge asked for from which its own edge starts.
+    end: usize,
     /// Whether it is as near to the edge's end as a crossing may be: it can be nearer.
     at_margin: bool,
 }
@@ -125,7 +127,7 @@ fn nearest(finder: &Finder<'_>, edge: &Edge, axis: usize) -> Option<Nearest> {
             let distance = height * height + along * along;
             if best.as_ref().is_none_or(|b| distance < b.distance) {
                 let at_margin = height.abs() <= CROSSING_MARGIN;
-                best = Some(Nearest { edge: found, sign, distance, at_margin });
+                best = Some(Nearest { edge: found, sign, distance, end, at_margin });
             }
         }
     }
